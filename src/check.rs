@@ -7,10 +7,10 @@
 //! cell are compared with that cell.
 
 mod controller;
+mod describe;
 mod eki;
 mod krl;
 mod report;
-mod says;
 mod text;
 
 use crate::cell::{
@@ -25,7 +25,7 @@ use crate::requirements::recipe_fits::{plausible, unfit};
 use crate::requirements::{
     CALIBRATION_ADVICE, Lack, Purpose, ReadNamed, Unmet, incomplete, not_looked_at, problems_of,
 };
-use says::{say_archive, say_cell, say_correction, say_intrinsics, say_mount, say_recipe, say_removal};
+use describe::{say_archive, say_cell, say_correction, say_intrinsics, say_mount, say_recipe, say_removal};
 
 pub use krl::is_krl;
 pub use report::FileReport;

@@ -12,11 +12,11 @@
 
 pub mod config;
 pub mod disk;
+pub mod number_text;
 pub mod phase;
 pub mod random;
 pub mod supervision;
 pub mod verdict;
-pub mod words;
 
 pub mod accounts;
 pub mod cycle;

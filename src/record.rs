@@ -20,7 +20,7 @@ pub use contact::{
 pub use finding::{CycleId, Finding, KeptFile, Kind, Picture, name};
 pub use part::PartNames;
 pub use removed::{RemovedByPath, removed, removed_bound_um};
-pub use requests::{Answer, Front, RequestRecord, Wanted, Who};
+pub use requests::{Answer, RequestRecord, RequestSource, RequestedAction, Who};
 
 use crate::cycle::{Path, Request};
 use crate::verdict::{Judgement, Verdict};
@@ -159,7 +159,8 @@ impl CycleRecord {
     /// motions, not about the panel.
     pub fn is_air_run(&self) -> bool {
         let asked = |asked: &RequestRecord| {
-            matches!(asked.wanted, Wanted::For(Request::AirRun { .. })) && asked.answer == Some(Answer::Done)
+            matches!(asked.wanted, RequestedAction::For(Request::AirRun { .. }))
+                && asked.answer == Some(Answer::Done)
         };
         self.asked.iter().any(asked) || self.motions.iter().any(|kept| kept.motion.path == Path::Air)
     }

@@ -14,9 +14,9 @@ pub use named_files::{CALIBRATION_ADVICE, NamedFile, ReadNamed, is_measured_with
 
 use crate::cell::{Camera, Cell, Output, RobotKind};
 use crate::geometry::{Joints, Rigid};
+use crate::number_text::{fixed, plain};
 use crate::path::Kinematics;
 use crate::path::reach::joint_motion;
-use crate::words::{fixed, plain};
 use nalgebra::Isometry3;
 
 /// Returns everything that this purpose needs and the cell's file does not contain; empty if nothing is missing.

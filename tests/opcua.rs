@@ -7,7 +7,7 @@ use super::operator_page::add_account;
 use super::service::{Service, taught};
 use panelprep::accounts::{AuditEntry, Role};
 use panelprep::packml::{METHODS, NODES};
-use panelprep::record::{CycleId, Front};
+use panelprep::record::{CycleId, RequestSource};
 use panelprep::store::Store;
 use rand::{RngExt, SeedableRng};
 use serde_json::json;
@@ -136,7 +136,9 @@ fn a_line_sees_and_runs_the_cell_as_each_role() {
     let who: Vec<String> = record
         .asked
         .iter()
-        .filter_map(|asked| asked.who.as_ref().filter(|who| who.front == Front::OpcUa).map(ToString::to_string))
+        .filter_map(|asked| {
+            asked.who.as_ref().filter(|who| who.front == RequestSource::OpcUa).map(ToString::to_string)
+        })
         .collect();
     assert!(who.contains(&"operator, through OPC UA".to_owned()), "{who:?}");
     assert!(who.contains(&"viewer, through OPC UA".to_owned()), "a viewer stopped it: {who:?}");

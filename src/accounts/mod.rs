@@ -17,7 +17,7 @@ pub use name::{MAX_PRINTED, NameError, checked_name};
 pub use password::{MIN_CHARACTERS, PasswordError, hashed, is_right};
 pub use role::{Permission, Role};
 
-use crate::words::printable;
+use crate::number_text::printable;
 use serde::{Deserialize, Serialize};
 
 /// A person who may log in. The newest statement about an account is the valid one.

@@ -17,15 +17,15 @@ mod checking;
 mod database;
 mod error;
 mod files;
-mod keeping;
+mod message_rows;
 mod names;
-mod offering;
 pub mod reading;
 mod receiving;
+mod recipe_offers;
 mod rows;
 mod tables;
 
 pub use checking::{CellList, CheckedCell, check};
 pub use error::ArchiveError;
-pub use offering::offer;
 pub use receiving::run;
+pub use recipe_offers::offer;

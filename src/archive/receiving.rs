@@ -3,12 +3,13 @@
 use super::database;
 use super::error::ArchiveError;
 use super::files::Files;
-use super::keeping::{self, BatchResult};
+use super::message_rows::{self, BatchResult};
 use super::names::Names;
-use super::offering;
+use super::recipe_offers;
 use crate::broker::{Delivery, OfficeLink, Receipt, States};
 use crate::office::{
-    ArchiveSettings, Assembled, Assembly, CellState, Chunk, Message, OfficeError, Position, Unfit, What, subject,
+    ArchiveSettings, Assembled, Assembly, CellState, Chunk, ChunkOwner, Message, OfficeError, Position, Unfit,
+    subject,
 };
 use std::time::{Duration, Instant};
 use tokio_postgres::Client;
@@ -69,10 +70,10 @@ async fn work(settings: &ArchiveSettings) -> Result<std::convert::Infallible, Ar
     let mut link = OfficeLink::connect(&settings.broker, settings.most_bytes()).await?;
     tracing::info!("receives the messages of the cells through the broker {}", settings.broker.address);
     // A cell may have missed the archived position, or the broker may have lost it.
-    for (cell, epoch, archived) in database::within(WRITE_TIMEOUT, keeping::epochs(&client)).await? {
+    for (cell, epoch, archived) in database::within(WRITE_TIMEOUT, message_rows::epochs(&client)).await? {
         link.say_archived(&cell, &epoch, archived).await?;
     }
-    database::within(WRITE_TIMEOUT, offering::offer_again(&client, &link)).await?;
+    database::within(WRITE_TIMEOUT, recipe_offers::offer_again(&client, &link)).await?;
     let listener = database::open(&settings.database).await?;
     let states = link.states().await?;
     let records = receive(&mut client, &mut link, files);
@@ -139,11 +140,11 @@ impl Receiver {
                 }
             };
             match &whole.what {
-                What::File(hash) => {
+                ChunkOwner::File(hash) => {
                     self.files.put(hash, &whole.bytes)?;
                     kept.extend(whole.receipts);
                 }
-                What::Message(position) => match message_of(&whole, position) {
+                ChunkOwner::Message(position) => match message_of(&whole, position) {
                     Ok(message) => {
                         // A message that is delivered again has other receipts.
                         self.waiting.retain(|(before, _)| *before != message);
@@ -158,7 +159,7 @@ impl Receiver {
         let (messages, receipts): (Vec<Message>, Vec<Vec<Receipt>>) = whole.unzip();
         if !messages.is_empty() {
             let BatchResult { new, known, contradictions, archived } =
-                database::within(WRITE_TIMEOUT, keeping::keep(client, &messages)).await?;
+                database::within(WRITE_TIMEOUT, message_rows::keep(client, &messages)).await?;
             contradictions.iter().for_each(|words| tracing::error!("{words}"));
             tracing::debug!("{new} new records, {known} that were there");
             for ((cell, epoch), number) in archived {

@@ -24,5 +24,5 @@ pub use entry::Entry;
 pub use error::BackupError;
 pub use manifest::{Listed, Manifest};
 pub use read::Archive;
-pub use restore::{Permission, Plan, Restored, Wanted, named_files, restore};
+pub use restore::{Permission, Plan, Restored, RestoredParts, named_files, restore};
 pub use write::{Configuration, Written, write};

@@ -17,7 +17,7 @@ use std::path::{Component, Path, PathBuf};
 
 /// The parts that are to be restored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Wanted {
+pub struct RestoredParts {
     /// The store.
     pub store: bool,
     /// The configuration.
@@ -45,7 +45,7 @@ pub struct Plan<'p> {
     /// The place for the store; without it, the place that the cell's file states.
     pub store: Option<&'p Path>,
     /// The parts.
-    pub wanted: Wanted,
+    pub wanted: RestoredParts,
     /// What may be replaced.
     pub permission: Permission,
 }

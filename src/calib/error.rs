@@ -1,8 +1,8 @@
 //! Why data cannot become a calibration: what was found, what is needed, and how to correct it.
 
-use super::meaning::Reading;
+use super::pose_diagnosis::Reading;
 use crate::imaging::ImagingError;
-use crate::words::apart;
+use crate::number_text::apart;
 
 /// Why there is no calibration.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

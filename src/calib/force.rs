@@ -15,7 +15,7 @@
 use super::quantile::student_95;
 use crate::force::Weight;
 use crate::geometry::STANDARD_GRAVITY_M_S2;
-use crate::words::apart;
+use crate::number_text::apart;
 
 /// Readings at least.
 const MIN_READINGS: usize = 3;

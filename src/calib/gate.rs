@@ -5,13 +5,13 @@ use super::arrangement::Arrangement;
 use super::hand_eye::HandEye;
 use super::intrinsics::Calibrated;
 use super::lens_support::SUPPORT_PX;
-use super::meaning::Reading;
+use super::pose_diagnosis::Reading;
 use super::robot_found::RobotFound;
 use super::three_points::ThreePoints;
 use super::tool::{ToolAxis, ToolPoint};
 use crate::geometry::{Point, Rigid};
+use crate::number_text::{apart, fixed, percent_apart};
 use crate::verdict::{Judgement, Reason};
-use crate::words::{apart, fixed, percent_apart};
 
 /// Two limits of a value: beyond the first a person must look, beyond the second it is rejected.
 type Bounds = (f64, f64);

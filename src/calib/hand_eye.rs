@@ -12,12 +12,12 @@ use super::chain::{Factor, Station};
 use super::consensus::{self, MIN_SPREAD_DEG};
 use super::error::CalibError;
 use super::influence;
-use super::meaning::Reading;
 use super::pose::{BoardPose, board_pose};
+use super::pose_diagnosis::Reading;
 use super::quantile::{f_quantile, radius_95};
 use super::readings;
 use super::square::{self, SquareSize};
-use super::suspects::{self, Suspect};
+use super::station_diagnosis::{self, Suspect};
 use crate::cell::LensCovariance;
 use crate::geometry::{Board as BoardFrame, Degrees, Frame, KukaPose, PinholeCamera, Point, Rigid, Vector};
 use nalgebra::Matrix3;
@@ -194,7 +194,15 @@ pub fn hand_eye<A: Arrangement>(
     let suspects = match true_size {
         // Poses are correct if only the stated size of the squares contradicts them.
         Some(_) => vec![],
-        None => suspects::name(camera, board, &adjusted, stations, &poses, &used, limit(&adjusted, stations.len())),
+        None => station_diagnosis::name(
+            camera,
+            board,
+            &adjusted,
+            stations,
+            &poses,
+            &used,
+            limit(&adjusted, stations.len()),
+        ),
     };
     let turns: Vec<_> =
         moved.iter().zip(&used).filter(|(_, used)| **used).map(|(m, _)| m.isometry().inverse()).collect();

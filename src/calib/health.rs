@@ -4,8 +4,8 @@
 use super::board::Board;
 use crate::cell::{LensExtent, Limits};
 use crate::geometry::{Base, Board as BoardFrame, Pixel, Point, Rigid};
+use crate::number_text::{apart, fixed, percent_apart};
 use crate::verdict::{Judgement, Reason};
-use crate::words::{apart, fixed, percent_apart};
 
 /// The subject of a verification of a compliant tool's force without contact: its error and its limit are in N.
 pub const TOOL_FORCE: &str = "tool_force";

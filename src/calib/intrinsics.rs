@@ -22,7 +22,7 @@ pub use super::lens_support::Support;
 use super::{lens_choice, lens_covariance, lens_next, lens_support};
 use crate::cell::LensCovariance;
 use crate::geometry::{Board, Camera, PinholeCamera, Pixel, Point, Rigid, median};
-use crate::words::apart;
+use crate::number_text::apart;
 use nalgebra::Vector3;
 
 /// A picture with its corners.

@@ -3,7 +3,7 @@
 use super::arm_errors::{self, ARM_NUMBERS, AxisFault};
 use super::robot_data::{ArmView, RigKind, RobotData};
 use crate::geometry::{Base, Flange, Joints, Rigid};
-use crate::words::apart;
+use crate::number_text::apart;
 use nalgebra::Isometry3;
 
 /// The largest difference between axis angles and controller, mm and degrees, if both belong to one robot.

@@ -15,7 +15,7 @@ use super::error::CalibError;
 use super::pose::board_pose;
 use super::{Board, BoardObservation};
 use crate::geometry::{Base, Board as BoardFrame, Flange, Frame, PinholeCamera, Point, Rigid, Vector};
-use crate::words::apart;
+use crate::number_text::apart;
 use nalgebra::Isometry3;
 
 /// A corner of the board that was touched.

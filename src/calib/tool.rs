@@ -8,7 +8,7 @@
 use super::error::CalibError;
 use super::quantile::radius_95;
 use crate::geometry::{Base, Flange, Point, Rigid, Tool, Vector};
-use crate::words::apart;
+use crate::number_text::apart;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 /// A tool's point with its evidence.

@@ -9,7 +9,7 @@ use super::arm_presets::{PRESETS, Preset};
 use super::robot_correction::CorrectionNumbers;
 use crate::config::{Section, Setting, settings};
 use crate::geometry::{Base, Point};
-use crate::words;
+use crate::number_text;
 use toml::de::DeValue;
 
 /// Which arm.
@@ -222,7 +222,7 @@ fn custom(section: &Section<'_, '_>, table: &ArmTable) -> Option<(ArmGeometry, A
     let [offsets_deg, signs, min_deg, max_deg, max_speed_deg_s] = lists;
     let (signs, max_speed_deg_s) = (signs?, max_speed_deg_s?);
     if signs.iter().any(|sign| sign.abs() != 1.0) {
-        section.problem("signs", format!("found {}, valid: 1 or -1 for each axis", words::list(&signs)));
+        section.problem("signs", format!("found {}, valid: 1 or -1 for each axis", number_text::list(&signs)));
         return None;
     }
     let geometry = ArmGeometry {
@@ -262,7 +262,7 @@ fn parse_keep_out(section: &Section<'_, '_>) -> Option<KeepOut> {
     if (0..3).any(|axis| low[axis] >= high[axis]) {
         section.problem(
             "max_mm",
-            format!("{} must exceed min_mm {} in every axis", words::list(&high), words::list(&low)),
+            format!("{} must exceed min_mm {} in every axis", number_text::list(&high), number_text::list(&low)),
         );
         return None;
     }

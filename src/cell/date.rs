@@ -1,7 +1,7 @@
 //! A day, as calibration files and reports write it.
 
 use crate::config::Setting;
-use crate::words::utc_day;
+use crate::number_text::utc_day;
 use toml::de::DeValue;
 
 /// A day, `2026-05-31`.

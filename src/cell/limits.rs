@@ -3,7 +3,7 @@
 
 use crate::config::{Section, settings};
 use crate::geometry::{Base, Point};
-use crate::words::list;
+use crate::number_text::list;
 
 settings! {
     /// `[limits]`. The upper limits are the program's own: a cell may be stricter, never less strict.

@@ -15,7 +15,6 @@ mod date;
 mod devices;
 mod foreign_lens;
 mod gige;
-mod keep;
 mod lens_extent;
 mod limits;
 mod line;
@@ -27,6 +26,7 @@ mod page;
 mod provenance;
 mod push;
 mod removal;
+mod retention;
 mod robot_correction;
 mod rough;
 mod scanner_errors;
@@ -50,7 +50,6 @@ pub use calibration::{
 pub use date::Date;
 pub use devices::{Camera, MockController, Robot, RobotKind};
 pub use gige::{Gige, PIXEL_FORMATS};
-pub use keep::{KeepFor, Retention};
 pub use lens_extent::{LensExtent, Supported};
 pub use limits::{Limits, Workspace};
 pub use line::{LINE_INPUTS, Line};
@@ -62,6 +61,7 @@ pub use page::Page;
 pub use provenance::Provenance;
 pub use push::{Push, WebFolder};
 pub use removal::{RemovalCalibration, RemovalNumbers};
+pub use retention::{KeepFor, Retention};
 pub use robot_correction::{CorrectionNumbers, GEOMETRY_NUMBERS, RobotCorrection, SMOOTH_NUMBERS};
 pub use rough::RoughMounts;
 pub use scanner_errors::MeasuredScanner;
@@ -191,7 +191,7 @@ impl Cell {
     }
 
     fn parse(folder: &Path, top: &Section<'_, '_>) -> Option<Self> {
-        let store = keep::parse_store(top);
+        let store = retention::parse_store(top);
         let socket = top.parse::<Option<String>>("socket", (), Some(None));
         let socket_role = top.parse::<Option<Role>>("socket_role", (), Some(None));
         let scanner = devices::parse_camera(folder, &top.section("scanner"), zivid::kind(folder));

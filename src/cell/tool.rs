@@ -4,7 +4,7 @@
 use super::devices::is_host;
 use crate::config::{Choice, Section};
 use crate::geometry::STANDARD_GRAVITY_M_S2;
-use crate::words::apart;
+use crate::number_text::apart;
 
 /// The tool that presses the disc onto the panel.
 #[derive(Debug, Clone, PartialEq, Default)]

@@ -8,10 +8,10 @@
 //! Does not judge the newer dialect of EthernetKRL 6; it reports that the file is one.
 
 mod clash;
-mod say;
+mod describe;
+mod pitfalls;
 #[cfg(test)]
 mod tests;
-mod traps;
 
 use crate::config::Problem;
 use crate::eki::channel::{Findings, StatedChannel, read};
@@ -35,8 +35,8 @@ pub(super) fn check(name: &str, text: &str) -> Checked {
         Ok(read) => read,
         Err(problem) => return Checked { problems: vec![problem], warnings: vec![], says: vec![], channel: None },
     };
-    traps::find(&channel, &mut found);
-    let says = say::sentences(&channel);
+    pitfalls::find(&channel, &mut found);
+    let says = describe::sentences(&channel);
     let Findings { mut problems, mut warnings, .. } = found;
     problems.sort_by_key(|problem| problem.line);
     warnings.sort_by_key(|warning| warning.line);

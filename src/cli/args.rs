@@ -4,7 +4,6 @@ mod archive;
 mod backup;
 mod files;
 mod history;
-mod keeping;
 mod new;
 mod package_files;
 mod people;
@@ -14,13 +13,13 @@ mod service;
 mod shooting;
 mod simulated;
 mod simulation;
+mod storage;
 mod values;
 
 pub use archive::{Archive, ArchiveAccount, ArchiveTask, CheckArchive, Fleet, OfferRecipe, RunArchive};
 pub use backup::{Backup, BackupPart, Restore};
 pub use files::{Check, Doctor, Inspect, Label, Locate, Look, Plan, PurposeName, Refine, Teach, Tune};
 pub use history::{EndName, History, HistoryTask, SearchArguments};
-pub use keeping::{Explain, PageOf, RenewStore, Replay, StoreCommand, StoreTask, VerifyStore};
 pub use new::{FlangeCameraKind, New, NewCell, NewFile, NewRecipe, RobotKindName, ScannerKind};
 pub use package_files::PackageFiles;
 pub use people::{User, UserTask};
@@ -30,6 +29,7 @@ pub use service::{Ctl, CtlAsk, Cycle, Decision, PartArguments, Run, ZividWorker}
 pub use shooting::{Shoot, Shot};
 pub use simulated::{Demo, FilmName, MockRobot, Render, ToolName, real_arm, scanner_distortion};
 pub use simulation::{SceneName, Simulation};
+pub use storage::{Explain, PageOf, RenewStore, Replay, StoreCommand, StoreTask, VerifyStore};
 pub use values::parse_non_empty;
 
 use crate::devices::mock::FaultSpec;

@@ -5,7 +5,7 @@ use super::disk;
 use super::fault::Fault;
 use super::load::CellFiles;
 use super::outcome::Outcome;
-use crate::backup::{self, BackupError, Configuration, Permission, Plan, Wanted, named_files};
+use crate::backup::{self, BackupError, Configuration, Permission, Plan, RestoredParts, named_files};
 use crate::check::check_file;
 use crate::verdict::{Judgement, Reason, Verdict};
 use serde_json::json;
@@ -125,7 +125,7 @@ pub fn restore(args: &Restore, common: &Common) -> Result<Outcome, Fault> {
         archive: &args.archive,
         cell: &common.cell,
         store: common.store.as_deref(),
-        wanted: Wanted { store: with(BackupPart::Store), configuration: with(BackupPart::Configuration) },
+        wanted: RestoredParts { store: with(BackupPart::Store), configuration: with(BackupPart::Configuration) },
         permission: Permission {
             replace_store: args.replace.contains(&BackupPart::Store),
             replace_configuration: args.replace.contains(&BackupPart::Configuration),

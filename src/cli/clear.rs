@@ -11,8 +11,8 @@ use super::load::CellFiles;
 use super::outcome::Outcome;
 use crate::cycle::{self, At, Robot, State};
 use crate::daemon::{
-    self, CellSetup, Computing, LinkedTool, LoopStart, News, NoCameras, Ports, Request, Requester, StoreRecord,
-    What, whoever_runs_this,
+    self, CellSetup, Computing, LinkedTool, LoopEvent, LoopStart, NoCameras, Ports, Request, RequestKind,
+    Requester, StoreRecord, whoever_runs_this,
 };
 use crate::supervision::{Supervisor, ThreadFault};
 use crate::tape::Begin;
@@ -96,17 +96,17 @@ impl Requester for Clears {
         self.supervisor.check()?;
         let is_there = !matches!(state.facts.robot, Robot::Unknown | Robot::LinkLost);
         let what = match (state.at, self.asked) {
-            (at, true) if at.rests() => Some(What::Leave),
+            (at, true) if at.rests() => Some(RequestKind::Leave),
             (At::Aborted { .. }, false) if is_there || self.since.elapsed() >= CONNECT_TIMEOUT => {
                 self.asked = true;
-                Some(What::Table(cycle::Request::Clear))
+                Some(RequestKind::Table(cycle::Request::Clear))
             }
             _ => None,
         };
         Ok(what.map(|what| Request::new(what, whoever_runs_this())))
     }
 
-    fn on_news(&mut self, news: News) {
+    fn on_news(&mut self, news: LoopEvent) {
         self.refused = news.why_refused(&self.state).or(self.refused.take());
     }
 }

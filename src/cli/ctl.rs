@@ -1,7 +1,6 @@
 //! `panelprep ctl`: sends requests to the service and shows its replies.
 
 use super::args::{Common, Ctl, CtlAsk, Decision};
-use super::asking::{ask, insist, outcome};
 use super::disk;
 use super::fault::Fault;
 use super::follow;
@@ -9,8 +8,9 @@ use super::load::CellFiles;
 use super::outcome::Outcome;
 use super::output::tell_line;
 use super::part;
+use super::service_request::{ask, insist, outcome};
 use crate::cycle::Request;
-use crate::daemon::{self, Exit, OwnText, RecordIn, StartRequest, What};
+use crate::daemon::{self, Exit, OwnText, RecordIn, RequestKind, StartRequest};
 use std::path::Path;
 
 /// Sends the request and reports the answer.
@@ -25,7 +25,7 @@ pub fn run(args: &Ctl, common: &Common) -> Result<Outcome, Fault> {
     }
     let what = what(&args.ask, &socket)?;
     let reply = match what {
-        What::Table(Request::Stop | Request::Abort) => insist(&socket, &what)?,
+        RequestKind::Table(Request::Stop | Request::Abort) => insist(&socket, &what)?,
         _ => ask(&socket, &what)?,
     };
     match args.ask {
@@ -35,9 +35,9 @@ pub fn run(args: &Ctl, common: &Common) -> Result<Outcome, Fault> {
     }
 }
 
-fn what(ask: &CtlAsk, socket: &Path) -> Result<What, Fault> {
+fn what(ask: &CtlAsk, socket: &Path) -> Result<RequestKind, Fault> {
     Ok(match ask {
-        CtlAsk::Start { recipe, record, part, another_part, .. } => What::Start(StartRequest {
+        CtlAsk::Start { recipe, record, part, another_part, .. } => RequestKind::Start(StartRequest {
             recipe: recipe.display().to_string(),
             text: disk::read_text(recipe)?,
             record: record.as_ref().map(|file| record_in(file.as_deref())).transpose()?,
@@ -45,33 +45,33 @@ fn what(ask: &CtlAsk, socket: &Path) -> Result<What, Fault> {
             another_part: *another_part,
             own_text: OwnText::default(),
         }),
-        CtlAsk::Hold => What::Table(Request::Hold),
+        CtlAsk::Hold => RequestKind::Table(Request::Hold),
         CtlAsk::Unhold { dried, decision } => decided(socket, Request::Unhold { dried: *dried }, *decision)?,
-        CtlAsk::Stop => What::Table(Request::Stop),
-        CtlAsk::Abort => What::Table(Request::Abort),
+        CtlAsk::Stop => RequestKind::Table(Request::Stop),
+        CtlAsk::Abort => RequestKind::Table(Request::Abort),
         CtlAsk::Clear { decision } => decided(socket, Request::Clear, *decision)?,
-        CtlAsk::Reset { .. } => What::Table(Request::Reset),
+        CtlAsk::Reset { .. } => RequestKind::Table(Request::Reset),
         CtlAsk::Accept { decision } => decided(socket, Request::Accept, *decision)?,
-        CtlAsk::NewDisc => What::NewDisc,
-        CtlAsk::State | CtlAsk::Watch => What::State,
+        CtlAsk::NewDisc => RequestKind::NewDisc,
+        CtlAsk::State | CtlAsk::Watch => RequestKind::State,
     })
 }
 
 /// Returns a decision on the step that the person names. Without a name, it is the step that is shown now, and the
 /// person types its number.
-fn decided(socket: &Path, request: Request, decision: Decision) -> Result<What, Fault> {
+fn decided(socket: &Path, request: Request, decision: Decision) -> Result<RequestKind, Fault> {
     if let Some(step) = decision.step {
-        return Ok(What::Decided { request, step });
+        return Ok(RequestKind::Decided { request, step });
     }
     let command = daemon::command(request);
     let no_step = || Fault::NoStep { command };
-    let now = ask(socket, &What::State)?;
+    let now = ask(socket, &RequestKind::State)?;
     let step = now.step.ok_or_else(no_step)?;
     outcome(&now).words.iter().for_each(|line| tell_line(line));
     tell_line(&format!("Type the step number, {step}, to {command}; any other input changes nothing:"));
     let mut answer = String::new();
     match std::io::stdin().read_line(&mut answer) {
-        Ok(_) if answer.trim() == step.to_string() => Ok(What::Decided { request, step }),
+        Ok(_) if answer.trim() == step.to_string() => Ok(RequestKind::Decided { request, step }),
         _ => Err(no_step()),
     }
 }

@@ -15,11 +15,11 @@ use super::work_done;
 use crate::cell::Cell;
 use crate::cycle::{self, At, Event, Hold, Phase, Refusal, Report, Robot, State, Why};
 use crate::daemon::{
-    self, Calibrations, Computing, LiveView, LoopOutcome, LoopStart, News, Ports, RecordPort as _, Recorded,
-    RecordedPort, RecordingSwitch, Request, Requester, StoreRecord, What, whoever_runs_this,
+    self, Calibrations, Computing, LiveView, LoopEvent, LoopOutcome, LoopStart, Ports, RecordPort as _, Recorded,
+    RecordedPort, RecordingSwitch, Request, RequestKind, Requester, StoreRecord, whoever_runs_this,
 };
 use crate::geometry::KukaPose;
-use crate::record::{Answer, Front, RecordingFile, RequestRecord, Wanted, Who};
+use crate::record::{Answer, RecordingFile, RequestRecord, RequestSource, RequestedAction, Who};
 use crate::requirements::Purpose;
 use crate::store::CycleStart;
 use crate::supervision::{Supervisor, ThreadFault};
@@ -102,7 +102,7 @@ fn once(
     if args.new_disc {
         let mut store = files.settled_store()?;
         store.mount_disc().map_err(Fault::stage)?;
-        let (wanted, who) = (Wanted::NewDisc, Some(whoever_runs_this()));
+        let (wanted, who) = (RequestedAction::NewDisc, Some(whoever_runs_this()));
         let asked =
             RequestRecord { unix_ms: 0, wanted, who, answer: Some(Answer::Done), reasons: vec![], findings: None };
         store.keep_request(&asked, None, None).map_err(Fault::stage)?;
@@ -157,7 +157,7 @@ pub fn one(
     let mut store = files.settled_store()?;
     // `recover` concludes the cycle that an earlier process left open. The start of this program is not part of the
     // new cycle.
-    store.append(&Event::Told(Report::Boot), None).map_err(Fault::stage)?;
+    store.append(&Event::Reported(Report::Boot), None).map_err(Fault::stage)?;
     store.recover().map_err(Fault::stage)?;
 
     let mut live = start(&files.cell, &calibrated.values, simulation)?;
@@ -290,13 +290,13 @@ impl<'a> Once<'a> {
 
     /// Returns the request of the signals so far: a stop for the first, an abort for the second. If the cell is at
     /// rest, it is to leave.
-    fn interrupted(&mut self, at: At) -> Option<Option<What>> {
+    fn interrupted(&mut self, at: At) -> Option<Option<RequestKind>> {
         let wanted = self.interrupts.count().min(2);
         if wanted == 0 {
             return None;
         }
         if matches!(at, At::Stopped | At::Complete { .. } | At::Aborted { .. }) {
-            return Some(Some(What::Leave));
+            return Some(Some(RequestKind::Leave));
         }
         if self.obeyed >= wanted {
             return Some(None);
@@ -307,7 +307,7 @@ impl<'a> Once<'a> {
             _ => ("aborting", cycle::Request::Abort),
         };
         (self.progress)(words);
-        Some(Some(What::Table(request)))
+        Some(Some(RequestKind::Table(request)))
     }
 
     /// Returns why the cycle never began, so that its record has an end; `None` once the cycle has begun, because
@@ -334,12 +334,12 @@ impl Requester for Once<'_> {
         self.state = *state;
         self.is_begun |= state.job.running;
         if let Some(what) = self.interrupted(state.at) {
-            return Ok(what.map(|what| Request::new(what, Who::by(Front::Signal))));
+            return Ok(what.map(|what| Request::new(what, Who::by(RequestSource::Signal))));
         }
         let asked = self.asked;
         let mut ask = |request| {
             self.asked += 1;
-            Some(What::Table(request))
+            Some(RequestKind::Table(request))
         };
         let what = match (state.at, asked) {
             (At::Stopped, 0) if state.facts.robot == Robot::Ready => ask(cycle::Request::Reset),
@@ -349,13 +349,13 @@ impl Requester for Once<'_> {
             // must correct.
             (At::Held(_), 2) => ask(cycle::Request::Stop),
             (At::Stopped, 0) if state.facts.robot == Robot::Unknown => None,
-            (At::Stopped | At::Complete { .. } | At::Aborted { .. }, _) => Some(What::Leave),
+            (At::Stopped | At::Complete { .. } | At::Aborted { .. }, _) => Some(RequestKind::Leave),
             _ => None,
         };
         Ok(what.map(|what| Request::new(what, whoever_runs_this())))
     }
 
-    fn on_news(&mut self, news: News) {
+    fn on_news(&mut self, news: LoopEvent) {
         self.refused = news.why_refused(&self.state).or(self.refused.take());
     }
 }
@@ -395,7 +395,7 @@ mod tests {
     use super::*;
     use crate::cycle::{Event, Report, step};
 
-    fn next(once: &mut Once<'_>, state: &State) -> Option<What> {
+    fn next(once: &mut Once<'_>, state: &State) -> Option<RequestKind> {
         once.next_request(state).expect("no thread").map(|request| request.what)
     }
 
@@ -410,23 +410,23 @@ mod tests {
         let interrupts = Interrupts::default();
         let start = cycle::Request::AirRun { max_moves: 2 };
         let mut once = Once::new(start, interrupts.clone(), &|_| {});
-        let ready = step(State::NEW, Event::Told(Report::Robot(Robot::Ready))).0;
+        let ready = step(State::NEW, Event::Reported(Report::Robot(Robot::Ready))).0;
         let works = State { at: At::Execute(Phase::Abrade), ..ready };
         assert!(next(&mut once, &works).is_none());
         for wanted in [Some(cycle::Request::Stop), Some(cycle::Request::Abort), None] {
             signal(&interrupts);
             let asked = match next(&mut once, &works) {
-                Some(What::Table(request)) => Some(request),
+                Some(RequestKind::Table(request)) => Some(request),
                 None => None,
                 other => panic!("{other:?}"),
             };
             assert_eq!(asked, wanted);
             assert!(next(&mut once, &works).is_none(), "each signal asks once");
         }
-        assert!(matches!(next(&mut once, &State { at: At::Stopped, ..ready }), Some(What::Leave)));
+        assert!(matches!(next(&mut once, &State { at: At::Stopped, ..ready }), Some(RequestKind::Leave)));
 
         let mut once = Once::new(start, interrupts, &|_| {});
-        assert!(matches!(next(&mut once, &ready), Some(What::Leave)), "no reset, no start");
+        assert!(matches!(next(&mut once, &ready), Some(RequestKind::Leave)), "no reset, no start");
         let why = once.why_not_begun(&ready).expect("it has an end");
         assert_eq!((&*why.code, once.asked), ("stopped", 0));
     }
@@ -437,25 +437,25 @@ mod tests {
     fn a_start_that_is_not_permitted_ends_with_its_reason() {
         let start = cycle::Request::Start { max_passes: 1, max_moves: 1, dries: false };
         let mut once = Once::new(start, Interrupts::default(), &|_| {});
-        let ready = step(State::NEW, Event::Told(Report::Robot(Robot::Ready))).0;
+        let ready = step(State::NEW, Event::Reported(Report::Robot(Robot::Ready))).0;
         let idle = State { at: At::Idle, ..ready };
         let mut asks = |state: &State, refused: Option<&'static str>| {
             let what = next(&mut once, state);
             if let Some(code) = refused {
-                once.on_news(News::NotPermitted(vec![Reason::new(code, "set the switch to local")]));
+                once.on_news(LoopEvent::NotPermitted(vec![Reason::new(code, "set the switch to local")]));
             }
             (what, once.why_not_begun(state).map(|why| why.code.to_string()))
         };
-        assert!(matches!(asks(&ready, None).0, Some(What::Table(cycle::Request::Reset))));
+        assert!(matches!(asks(&ready, None).0, Some(RequestKind::Table(cycle::Request::Reset))));
         let (what, why) = asks(&idle, Some("local_control"));
-        assert!(matches!(what, Some(What::Table(asked)) if asked == start));
+        assert!(matches!(what, Some(RequestKind::Table(asked)) if asked == start));
         assert_eq!(why.as_deref(), Some("local_control"));
         assert!(
-            matches!(asks(&idle, None).0, Some(What::Table(cycle::Request::Stop))),
+            matches!(asks(&idle, None).0, Some(RequestKind::Table(cycle::Request::Stop))),
             "it does not wait for ever"
         );
         let (what, why) = asks(&ready, None);
-        assert!(matches!(what, Some(What::Leave)) && why.as_deref() == Some("local_control"));
+        assert!(matches!(what, Some(RequestKind::Leave)) && why.as_deref() == Some("local_control"));
     }
 
     #[test]
@@ -465,8 +465,8 @@ mod tests {
             Interrupts::default(),
             &|_| {},
         );
-        let lost = step(State::NEW, Event::Told(Report::Robot(Robot::LinkLost))).0;
-        assert!(matches!(next(&mut once, &lost), Some(What::Leave)));
+        let lost = step(State::NEW, Event::Reported(Report::Robot(Robot::LinkLost))).0;
+        assert!(matches!(next(&mut once, &lost), Some(RequestKind::Leave)));
         assert_eq!(once.why_not_begun(&lost).map(|why| why.code.to_string()).as_deref(), Some("link_lost"));
         let mut runs = State { at: At::Starting, ..lost };
         runs.job.running = true;

@@ -1,10 +1,10 @@
 //! The pose of the flange at a picture that is taken now. It is reported by the service, by the controller if no
 //! service runs, or by the camera's source, or a person reads it from the pendant.
 
-use super::asking;
 use super::fault::Fault;
 use super::load::CellFiles;
 use super::output::{answer, tell_line};
+use super::service_request;
 use super::{live, robot};
 use crate::cell::{self, RobotKind};
 use crate::daemon::{LinkedRobot, RobotPort};
@@ -59,8 +59,8 @@ impl<'c> FlangePoses<'c> {
     /// The axis positions now, requested before a picture. They come from the running service if it knows them. If
     /// no service runs, they come from the controller if it answers.
     pub fn now(&self) -> Option<Joints> {
-        match asking::state_of(&self.socket) {
-            Some(_) => asking::axes_of(&self.socket),
+        match service_request::state_of(&self.socket) {
+            Some(_) => service_request::axes_of(&self.socket),
             None => self.told_by_controller(),
         }
     }

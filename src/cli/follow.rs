@@ -2,11 +2,11 @@
 //!
 //! It requests the state a few times a second, so that a follower does not occupy a connection of the socket.
 
-use super::asking;
 use super::fault::Fault;
 use super::outcome::Outcome;
 use super::output::tell_line;
-use crate::daemon::{Exit, Reply, What};
+use super::service_request;
+use crate::daemon::{Exit, Reply, RequestKind};
 use serde_json::{Value, json};
 use std::io::Write;
 use std::path::Path;
@@ -32,7 +32,7 @@ pub fn watch(socket: &Path, as_json: bool) -> Result<Outcome, Fault> {
         let reply = state(socket)?;
         let line = if as_json { Value::Object(seen(&reply)).to_string() } else { words(&reply) };
         if told.as_ref() != Some(&line) && writeln!(std::io::stdout(), "{line}").is_err() {
-            return Ok(Outcome { exit: 0, json: asking::object(&reply), words: vec![] });
+            return Ok(Outcome { exit: 0, json: service_request::object(&reply), words: vec![] });
         }
         told = Some(line);
         thread::sleep(POLL_INTERVAL);
@@ -60,7 +60,7 @@ pub fn to_the_end(socket: &Path, begun: &Reply) -> Result<Outcome, Fault> {
         let rests = matches!(reply.state.as_deref(), Some("stopped" | "complete" | "aborted"));
         if let (Some(verdict), true, true) = (reply.verdict, rests, is_written(&reply)) {
             let exit = verdict.exit_code();
-            return Ok(Outcome { exit, ..asking::outcome(&reply) });
+            return Ok(Outcome { exit, ..service_request::outcome(&reply) });
         }
         thread::sleep(POLL_INTERVAL);
     }
@@ -80,7 +80,7 @@ pub fn to_idle(socket: &Path) -> Result<Outcome, Fault> {
             continue;
         }
         let exit = if is_at("idle") { Exit::Done } else { Exit::Fault };
-        let mut outcome = Outcome { exit: exit.code(), ..asking::outcome(&reply) };
+        let mut outcome = Outcome { exit: exit.code(), ..service_request::outcome(&reply) };
         if is_at("resetting") {
             let words = "the reset has not ended after";
             outcome.add_line(format!(
@@ -100,7 +100,7 @@ fn is_written(reply: &Reply) -> bool {
 fn state(socket: &Path) -> Result<Reply, Fault> {
     let since = Instant::now();
     loop {
-        match asking::ask(socket, &What::State) {
+        match service_request::ask(socket, &RequestKind::State) {
             Ok(reply) if reply.state.is_some() => return Ok(reply),
             Ok(reply) if since.elapsed() >= SERVICE_TIMEOUT => return Ok(reply),
             Err(fault) if since.elapsed() >= SERVICE_TIMEOUT => return Err(fault),
@@ -111,7 +111,7 @@ fn state(socket: &Path) -> Result<Reply, Fault> {
 
 /// The fields that are watched for changes, without the number of requests to the service.
 fn seen(reply: &Reply) -> serde_json::Map<String, Value> {
-    let mut object = asking::object(reply);
+    let mut object = service_request::object(reply);
     object.remove("answer");
     object.insert("recording".to_owned(), json!(reply.recording.as_ref().map(|recorded| &recorded.message)));
     object
@@ -124,5 +124,5 @@ fn words(reply: &Reply) -> String {
     let page = reply.page.as_ref().map_or(String::new(), |page| format!("; page {}", page.display()));
     let reasons: Vec<&str> = reply.reasons.iter().map(|reason| reason.message.as_str()).collect();
     let reasons = if reasons.is_empty() { String::new() } else { format!("; {}", reasons.join("; ")) };
-    format!("{}{cycle}{panel}{page}{reasons}", asking::place(reply))
+    format!("{}{cycle}{panel}{page}{reasons}", service_request::place(reply))
 }

@@ -1,7 +1,7 @@
 //! `panelprep history`: searches the cycles of the store, compares two, shows how numbers developed, lists alarms.
 //! It prints the same data as a table for people, as JSON or as CSV.
 
-mod told;
+mod columns;
 
 use super::args::{Common, EndName, History, HistoryTask, SearchArguments};
 use super::fault::{Fault, RecordFault};
@@ -33,19 +33,24 @@ pub fn run(args: &History, common: &Common) -> Result<Outcome, Fault> {
         None => search(&store, args),
         Some(HistoryTask::Show { cycle }) => {
             let summary = history::summary(&past(&store, *cycle)?);
-            found(args, &summary, &history::summary_table(std::slice::from_ref(&summary)), told::summary(&summary))
+            found(
+                args,
+                &summary,
+                &history::summary_table(std::slice::from_ref(&summary)),
+                columns::summary(&summary),
+            )
         }
         Some(HistoryTask::Compare { first, second }) => {
             let comparison = history::compare(&past(&store, *first)?, &past(&store, *second)?);
-            found(args, &comparison, &history::comparison_table(&comparison), told::comparison(&comparison))
+            found(args, &comparison, &history::comparison_table(&comparison), columns::comparison(&comparison))
         }
         Some(HistoryTask::Trend { panel, name }) => {
             let trend = trend(&store, (panel, name), limit)?;
-            found(args, &trend, &history::trend_table(&trend), told::trend(&trend))
+            found(args, &trend, &history::trend_table(&trend), columns::trend(&trend))
         }
         Some(HistoryTask::Heat { panel }) => {
             let map = history::heat_map(&cycles(&store, panel, limit)?);
-            found(args, &map, &history::heat_table(&map), told::heat(&map))
+            found(args, &map, &history::heat_table(&map), columns::heat(&map))
         }
         Some(HistoryTask::Alarms { cycle }) => alarms(&store, args, cycle.map(CycleId)),
     }
@@ -63,7 +68,7 @@ fn found(args: &History, data: &impl Serialize, table: &Table, words: Vec<String
 
 fn search(store: &Store, args: &History) -> Result<Outcome, Fault> {
     let hits = store.search(&query(&args.search, usize::from(args.limit))?).map_err(Fault::stage)?;
-    found(args, &hits, &history::hits_table(&hits.hits), told::hits(&hits))
+    found(args, &hits, &history::hits_table(&hits.hits), columns::hits(&hits))
 }
 
 fn query(search: &SearchArguments, limit: usize) -> Result<Query, Fault> {
@@ -156,6 +161,6 @@ fn alarms(store: &Store, args: &History, cycle: Option<CycleId>) -> Result<Outco
         all.extend(store.alarms(id).map_err(Fault::stage)?);
     }
     all.sort_by_key(|alarm| std::cmp::Reverse((alarm.raised_unix_ms, alarm.cycle)));
-    let words = told::alarms(&all);
+    let words = columns::alarms(&all);
     found(args, &serde_json::json!({ "alarms": all }), &history::alarm_table(&all), words)
 }

@@ -1,7 +1,7 @@
 //! `panelprep label`: a person marks the broken film of a clip, on a page in a browser; the labels are stored in
 //! the clip's folder.
 
-mod keeping;
+mod label_files;
 
 use super::args::{Common, Label};
 use super::disk;
@@ -18,7 +18,7 @@ use crate::page::Local;
 use crate::page::label::{self, GridOutline, Sheet};
 use crate::phase::Phase;
 use crate::verdict::{Judgement, Verdict};
-use keeping::LabelFolder;
+use label_files::LabelFolder;
 use serde_json::json;
 use std::path::Path;
 use std::sync::Arc;

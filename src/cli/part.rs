@@ -2,10 +2,10 @@
 //! shown first on its page.
 
 use super::fault::{Fault, RecordFault};
+use crate::number_text::{printable, utc_day};
 use crate::record::{ANOTHER_PART, CycleRecord, PartNames};
 use crate::report::page::{Row, Section};
 use crate::store::{PassesOfCycle, Store};
-use crate::words::{printable, utc_day};
 
 /// Maximum length of each of the part's names, in characters.
 const MAX_CHARACTERS: usize = 120;

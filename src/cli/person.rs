@@ -3,7 +3,7 @@
 //! `start` and `unhold --dried` confirm it; no one else could dry it there.
 
 use crate::cycle::{self, At};
-use crate::daemon::{News, Port, Request, RequestAnswer, RequestCommand, What};
+use crate::daemon::{LoopEvent, Port, Request, RequestAnswer, RequestCommand, RequestKind};
 use crate::devices::world::SimulatedWorld;
 
 /// Passes requests on, and first dries the panel if the request confirms that it is dry. At a real cell it does
@@ -18,10 +18,10 @@ pub struct Person<R> {
 impl<R: Port<RequestCommand>> Port<RequestCommand> for Person<R> {
     fn perform(&mut self, command: RequestCommand) -> RequestAnswer {
         let is_held = matches!(command, RequestCommand::Next(state) if matches!(state.at, At::Held(_)));
-        let begins = matches!(command, RequestCommand::Tell(News::Begun(..)));
+        let begins = matches!(command, RequestCommand::Publish(LoopEvent::Begun(..)));
         let answer = self.requester.perform(command);
         let unholds =
-            |request: &Request| matches!(request.what, What::Table(cycle::Request::Unhold { dried: true }));
+            |request: &Request| matches!(request.what, RequestKind::Table(cycle::Request::Unhold { dried: true }));
         let dries = match &answer {
             RequestAnswer::Next(Ok(Some(request))) => is_held && unholds(request),
             _ => begins,

@@ -8,6 +8,7 @@ use super::load::{self, CellFiles, Taught};
 use super::outcome::Outcome;
 use super::pictures;
 use crate::geometry::{Base, Flange, Joints, KukaPose, Panel, Rigid, Tool};
+use crate::number_text::{apart, fixed};
 use crate::panel::GridId;
 use crate::path::approach::{Approach, CornerTour};
 use crate::path::disc::DiscUse;
@@ -22,7 +23,6 @@ use crate::stages::survey::{ToolState, drawn_surface};
 use crate::stages::{self, corners};
 use crate::surface::{self, Fit};
 use crate::verdict::{Reason, Verdict};
-use crate::words::{apart, fixed};
 use serde_json::{Value, json};
 use std::path::Path;
 

@@ -7,7 +7,7 @@
 
 mod page;
 mod proof;
-mod tries;
+mod unattended;
 
 use super::args::Prove;
 use super::fault::{DeviceFault, Fault};
@@ -20,7 +20,7 @@ use crate::verdict::{Judgement, Reason, Verdict};
 use proof::{Assumption, Finding, Proof};
 use serde_json::json;
 use std::io::BufRead;
-use tries::ControllerKind;
+use unattended::ControllerKind;
 
 /// The installation page with the table of assumptions to go through.
 const INSTALLATION: &str = include_str!("../../config/kuka/README.md");
@@ -40,7 +40,7 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
     let _store = files.settled_store()?;
     let (robot, _) = live::robot_alone(&files.cell)?;
     drop(robot);
-    let mut controller = tries::controller(&files.cell)?;
+    let mut controller = unattended::controller(&files.cell)?;
     let page = |proofs: &[Proof], controller| page::render(proofs, &args.by, (files.cell.robot(), controller));
     // Done before the first question: no answers are requested that cannot be kept after a day's work at the
     // controller.
@@ -55,7 +55,7 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
     let mut proofs = Vec::new();
     for assumption in assumptions(INSTALLATION) {
         tell(&format!("{}. {}", assumption.number, assumption.assumed));
-        let proof = match tries::for_row(assumption.number) {
+        let proof = match unattended::for_row(assumption.number) {
             Some(attempt) => {
                 let (finding, evidence) = attempt(&files.cell)?;
                 Proof { assumption, finding, evidence, tried: true }
@@ -68,7 +68,7 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
     }
     // The tests count only for the controller that answers now, too: a controller may not have answered at first,
     // or another one may have replaced it.
-    controller = controller.and(tries::controller(&files.cell)?);
+    controller = controller.and(unattended::controller(&files.cell)?);
     super::disk::write(&args.out, page(&proofs, controller))?;
     let is_mock = controller == ControllerKind::Mock;
     let mut outcome = Outcome::from_judgement(&judgement(&proofs, controller != ControllerKind::Real));

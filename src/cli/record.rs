@@ -8,10 +8,11 @@ use super::disk;
 use super::fault::{Fault, RecordFault};
 use super::load::CellFiles;
 use super::outcome::Outcome;
+use super::record_data;
 use super::report::{self, StoredCycle};
-use super::sheet;
 use crate::daemon::{RecordPdf, whoever_runs_this};
 use crate::files::content_hash;
+use crate::number_text::utc;
 use crate::record::CycleId;
 use crate::report::page::Figure;
 use crate::signing::{
@@ -19,7 +20,6 @@ use crate::signing::{
 };
 use crate::store::{self, KeyPlace, PersonSigns, SignatureRow, Store};
 use crate::verdict::{Judgement, Reason, Verdict};
-use crate::words::utc;
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -167,7 +167,7 @@ pub fn signed_pdf(store: &Store, key: &CellKey, rows: &[SignatureRow]) -> Result
     let (Some(row), Some(last)) = (rows.iter().find(|row| !row.is_of_person), rows.last()) else { return Ok(None) };
     let kept = StoredCycle::read(store, row.cycle)?;
     let figures: Vec<Figure> = kept.figures().collect();
-    let pdf = sheet::document(store, (&kept.record, &figures), row)?;
+    let pdf = record_data::document(store, (&kept.record, &figures), row)?;
     let shows = (row.cycle, row.record_hash.as_str(), last.number);
     let (page, signature) = SignedPage::sign(&pdf, shows, last.unix_ms, key).map_err(Fault::stage)?;
     Ok(Some(RecordPdf { pdf, page, signature }))

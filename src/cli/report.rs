@@ -2,20 +2,20 @@
 
 use super::disk;
 use super::fault::Fault;
-use super::kept;
 use super::load::CellFiles;
 use super::part;
+use super::record_data;
 use super::recording;
-use super::sheet;
+use super::retention;
 use crate::cell::Retention;
 use crate::daemon::{self, Recorded};
+use crate::number_text::utc;
 use crate::record::{CycleId, CycleRecord, RecordingFile};
 use crate::report::cycle_page;
 use crate::report::page::{Figure, Page, Section};
-use crate::report::sheet::{Sheet, html as sheet_html};
+use crate::report::record_pdf::{Sheet, html as sheet_html};
 use crate::store::{Pruned, Store};
 use crate::tape;
-use crate::words::utc;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -47,7 +47,7 @@ impl StoredCycle {
         // A store of an earlier version of this program has no list of removed files: nothing was removed.
         let pruned = store.pruned_of(cycle).unwrap_or_default();
         let part = part::section(store, &record);
-        let sheet = sheet::read(store, &record)?;
+        let sheet = record_data::read(store, &record)?;
         Ok(StoredCycle { record, pruned, pictures, part, sheet })
     }
 
@@ -56,7 +56,7 @@ impl StoredCycle {
     /// # Errors
     /// If writing to the disk fails.
     pub fn write(&self, keep: &Retention, file: &Path, recorded: Option<&Recorded>) -> Result<(), Fault> {
-        self.write_with(file, recorded, kept::section(keep, &self.record, self.pruned).into_iter().collect())
+        self.write_with(file, recorded, retention::section(keep, &self.record, self.pruned).into_iter().collect())
     }
 
     /// Writes the page, with `more` and the result of the recording at its end.

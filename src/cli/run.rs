@@ -4,8 +4,8 @@ use super::args::{Common, Run};
 use super::cycle_files::{Calibrated, TaughtRecipe};
 use super::disk;
 use super::fault::{DeviceFault, Fault, RecordFault};
-use super::fronts::{Fronts, edge_node, line_front, office_sender, opcua_server, operator_page, push_sender};
 use super::health;
+use super::interfaces::{Fronts, edge_node, line_front, office_sender, opcua_server, operator_page, push_sender};
 use super::live::Live;
 use super::load::{CellFiles, calibrated_serial};
 use super::outcome::Outcome;
@@ -17,9 +17,10 @@ use super::report::{self, StoredCycle};
 use super::zivid;
 use crate::cycle::{At, Cause, State};
 use crate::daemon::{
-    self, CellSetup, Computing, EndedCycle, Gateway, LastWrittenPage, LiveView, Loader, LoopStart, News, OwnText,
-    Ports, PreparedCycle, RecordIn, Recorded, RecordedPort, Recording, RecordingSwitch, Request, RequestHandler,
-    RequestQueue, RequestSender, Requester as _, ServiceParts, SharedCameras, Socket, StartRequest, StoreRecord,
+    self, CellSetup, Computing, EndedCycle, Gateway, LastWrittenPage, LiveView, Loader, LoopEvent, LoopStart,
+    OwnText, Ports, PreparedCycle, RecordIn, Recorded, RecordedPort, Recording, RecordingSwitch, Request,
+    RequestHandler, RequestQueue, RequestSender, Requester as _, ServiceParts, SharedCameras, Socket, StartRequest,
+    StoreRecord,
 };
 use crate::devices::world::SimulatedWorld;
 use crate::files::content_hash;
@@ -100,7 +101,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     if recovered.at == (At::Aborted { cause: Cause::StoreChanged }) {
         let found = store.incidents().map_err(Fault::stage)?.pop().map_or(vec![], |incident| incident.found);
         let found: Vec<Reason> = found.into_iter().map(|words| Reason::new("store_changed", words)).collect();
-        handler.on_news(News::Noted(found));
+        handler.on_news(LoopEvent::Noted(found));
     }
     let mut person = Person { requester: handler, world };
     let (again, whole) = (files.clone(), common.clone());

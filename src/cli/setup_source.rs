@@ -11,11 +11,11 @@ use crate::config::Problems;
 use crate::daemon::{Equipment, Examined, OfficeStatus, PushStatus, RecipeText, SetupSource};
 use crate::files;
 use crate::geometry::ColorPicture;
+use crate::number_text::{fixed, utc_day};
 use crate::office::RecipeOffer;
 use crate::recipe::Recipe;
 use crate::store::{Store, free_mb};
 use crate::verdict::{Reason, Verdict};
-use crate::words::{fixed, utc_day};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 

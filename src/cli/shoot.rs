@@ -3,7 +3,7 @@
 
 mod film;
 pub mod opening;
-mod telling;
+mod shot_report;
 
 use super::args::{Common, Shoot, Shot, Simulation};
 use super::disk;
@@ -16,8 +16,8 @@ use crate::files;
 use crate::geometry::ColorPicture;
 use crate::verdict::{Judgement, Reason};
 use serde_json::{Value, json};
+use shot_report::{conditions, words};
 use std::path::{Path, PathBuf};
-use telling::{conditions, words};
 
 impl Shoot {
     fn wanted(&self) -> opening::Wanted {

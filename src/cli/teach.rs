@@ -1,6 +1,6 @@
 //! `panelprep teach`: learns a panel at its nominal place and stores it.
 
-mod taking;
+mod live_inputs;
 
 use super::args::{Common, Teach};
 use super::fault::{Fault, TeachingFault};
@@ -12,12 +12,12 @@ use crate::files;
 use crate::geometry::{Camera, OrganizedCloud, Pixel, Point};
 use crate::inspect::{Demands, Footprint, too_coarse};
 use crate::locate::{self, gate};
+use crate::number_text;
 use crate::panel::{LearnError, OffPanel, TaughtPanel};
 use crate::recipe::Recipe;
 use crate::report::{self, View};
 use crate::store::{TaughtCorner, Teaching};
 use crate::verdict::{Judgement, Reason};
-use crate::words;
 use serde_json::json;
 use std::error::Error;
 use std::path::Path;
@@ -29,7 +29,7 @@ use std::path::Path;
 /// runs cycles. Nothing is kept then.
 pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     let cell_files = CellFiles::read(common)?;
-    let args = &taking::ready(args, &cell_files)?;
+    let args = &live_inputs::ready(args, &cell_files)?;
     let Some(scan_file) = &args.scan else { return Err(TeachingFault::NoScan.into()) };
     let recipe = load::recipe(&args.recipe)?;
     let (scanner, base_from_camera) = (cell_files.scanner()?, cell_files.base_from_camera()?);
@@ -223,7 +223,7 @@ fn say_how_it_is_held(taught: &Taught, held: &Held, recipe: &Recipe, outcome: &m
 
 fn say_what_shows_the_outline(seen: &locate::OutlineSeen, outcome: &mut Outcome) {
     let locate::OutlineSeen { by_colour, by_depth, held, unseen } = *seen;
-    let percent = |share: f64| words::fixed(100.0 * share, 0);
+    let percent = |share: f64| number_text::fixed(100.0 * share, 0);
     outcome.add_line(format!(
         "its outline: {} % is seen by colour, {} % by depth, {} % is left out because something holds the panel \
          there, {} % is not seen",

@@ -12,10 +12,10 @@ use crate::inspect::{
     Advice, Demands, GridContrast, MIN_CONTRAST_TO_NOISE, Sampler, Tuning, View, Watch, best_threshold,
     thesis_checks,
 };
+use crate::number_text::fixed;
 use crate::phase::Phase;
 use crate::recipe::{Method, Recipe};
 use crate::verdict::{Judgement, Reason};
-use crate::words::fixed;
 use serde_json::json;
 
 /// The names of a picture's channels.

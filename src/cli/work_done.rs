@@ -1,7 +1,7 @@
 //! Describes in words what a cycle did to the panel: which grids it abraded, and how much it removed.
 
+use crate::number_text::fixed;
 use crate::record::{self, Abraded, CycleRecord, RemovedByPath};
-use crate::words::fixed;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 

@@ -14,7 +14,7 @@ pub enum Effect {
         /// The id that the answer must contain.
         id: Id,
         /// The act.
-        act: Act,
+        act: Action,
     },
     /// Report [`Report::Deadline`](super::Report) with this id after the time that is configured for this deadline.
     Arm {
@@ -51,9 +51,10 @@ pub enum Effect {
 /// An operation that needs time and is answered. At most one is in progress.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Act {
-    /// Ask the robot whether it is at standstill; nothing else. Answered by `Stands`.
-    Stand,
+pub enum Action {
+    /// Ask the robot whether it is at standstill; nothing else. Answered by `Standstill`.
+    #[serde(rename = "stand")]
+    CheckStandstill,
     /// Test cameras, disk, handshake, checksums. `Done`.
     SelfTest,
     /// Open an epoch with a number above `above` and above the controller's number. No motion. `Epoch`.
@@ -61,7 +62,7 @@ pub enum Act {
         /// The last epoch that this table knows.
         above: u32,
     },
-    /// The abort frame: tool and water off, brake, discard, retract if in contact. `Stands` when the robot is at
+    /// The abort frame: tool and water off, brake, discard, retract if in contact. `Standstill` when the robot is at
     /// standstill, and tool and water are proven off.
     EndEpoch {
         /// The epoch that ends.
@@ -71,7 +72,7 @@ pub enum Act {
     SetFrames(Frames),
     /// Switch an output and wait for its feedback. `Done`.
     Switch(Switch),
-    /// Check the whole path by its gate, then stream it within the window. `Progress`, then `Stands`.
+    /// Check the whole path by its gate, then stream it within the window. `Progress`, then `Standstill`.
     Move(Motion),
     /// Take a 3D shot and locate the panel in it. `Graded`.
     Locate,

@@ -14,7 +14,8 @@ pub enum Event {
     /// A request of a person, or of systemd on behalf of a person.
     Asked(Request),
     /// The cell reports its condition.
-    Told(Report),
+    #[serde(rename = "told")]
+    Reported(Report),
 }
 
 /// The requests of a person. A request that does not fit the state is refused with a reason.
@@ -114,7 +115,7 @@ pub enum Report {
     OutputsOff,
 }
 
-/// The result of an act; [`crate::cycle::Act`] states the possible answers of each. Any may fail.
+/// The result of an act; [`crate::cycle::Action`] states the possible answers of each. Any may fail.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Answer {
@@ -123,7 +124,8 @@ pub enum Answer {
     /// The controller accepted this epoch.
     Epoch(u32),
     /// The robot is at standstill; this number of waypoints of the move was executed.
-    Stands {
+    #[serde(rename = "stands")]
+    Standstill {
         /// Waypoints executed.
         done: u32,
     },

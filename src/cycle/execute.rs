@@ -5,47 +5,47 @@ use super::interlocks::{
     UNHOLDING_LOCATED,
 };
 use super::rules::Rule;
-use super::turn::{Aim, Turn};
+use super::turn::{Goal, Turn};
 use super::{
-    Act, Answer, At, Cause, Deadline, Epoch, Extraction, Film, Grade, Hold, Lens, Light, Motion, Outcome, Path,
+    Action, Answer, At, Cause, Deadline, Epoch, Extraction, Film, Grade, Hold, Lens, Light, Motion, Outcome, Path,
     Phase, Refusal, Request, Robot, Switch, Tool, Trouble, Water, Why,
 };
 use crate::verdict::Verdict;
 
 impl Turn {
     /// Returns the aim of the present state.
-    pub fn aim(&self) -> Aim {
+    pub fn aim(&self) -> Goal {
         let state = &self.state;
         match state.at {
-            At::Stopped | At::Idle | At::Held(_) | At::Complete { .. } | At::Aborted { .. } => Aim::Rest,
-            At::Resetting => Aim::Reach(&RESETTING, At::Idle),
-            At::Starting => Aim::Reach(&STARTING, At::Execute(Phase::Locate)),
-            At::Holding(hold) => Aim::Reach(self.leaving(), At::Held(hold)),
+            At::Stopped | At::Idle | At::Held(_) | At::Complete { .. } | At::Aborted { .. } => Goal::Rest,
+            At::Resetting => Goal::Reach(&RESETTING, At::Idle),
+            At::Starting => Goal::Reach(&STARTING, At::Execute(Phase::Locate)),
+            At::Holding(hold) => Goal::Reach(self.leaving(), At::Held(hold)),
             At::Unholding { resume, verify } => {
-                Aim::Reach(if verify { &UNHOLDING_LOCATED } else { &UNHOLDING }, At::Execute(resume))
+                Goal::Reach(if verify { &UNHOLDING_LOCATED } else { &UNHOLDING }, At::Execute(resume))
             }
-            At::Completing { verdict } => Aim::Reach(&COMPLETING, At::Complete { verdict }),
-            At::Stopping { .. } => Aim::Reach(self.leaving(), At::Stopped),
-            At::Aborting { .. } => Aim::Now(Act::EndEpoch { epoch: state.epoch }),
-            At::Clearing { .. } => Aim::Reach(&CLEARING, At::Stopped),
+            At::Completing { verdict } => Goal::Reach(&COMPLETING, At::Complete { verdict }),
+            At::Stopping { .. } => Goal::Reach(self.leaving(), At::Stopped),
+            At::Aborting { .. } => Goal::Now(Action::EndEpoch { epoch: state.epoch }),
+            At::Clearing { .. } => Goal::Reach(&CLEARING, At::Stopped),
             At::Execute(phase) => match (phase, state.facts.water) {
-                (Phase::Wet, Water::Spraying { .. }) | (Phase::Rinse, Water::Rinsing { .. }) => Aim::Rest,
+                (Phase::Wet, Water::Spraying { .. }) | (Phase::Rinse, Water::Rinsing { .. }) => Goal::Rest,
                 // If the rinse has its own valve, its last water would prove the spray, although the spray valve
                 // may not open.
-                (Phase::Wet, Water::Rinsing { .. }) => Aim::Do(Act::Switch(Switch::WaterOff)),
-                (Phase::Wet, _) => Aim::Do(Act::Switch(Switch::Spray)),
-                (Phase::Rinse, _) => Aim::Do(Act::Switch(Switch::Rinse)),
-                (Phase::Locate, _) => Aim::Do(Act::Locate),
-                (Phase::Refine { moves }, _) => Aim::Do(Act::Refine { view: moves }),
-                (Phase::Dry, _) => Aim::Do(Act::DryPicture),
-                (Phase::Inspect, _) => Aim::Do(Act::Film),
-                (Phase::Plan, _) => Aim::Do(Act::Plan { pass: state.job.pass }),
-                (Phase::Verify, _) => Aim::Do(Act::Verify { view: state.job.verified }),
+                (Phase::Wet, Water::Rinsing { .. }) => Goal::Do(Action::Switch(Switch::WaterOff)),
+                (Phase::Wet, _) => Goal::Do(Action::Switch(Switch::Spray)),
+                (Phase::Rinse, _) => Goal::Do(Action::Switch(Switch::Rinse)),
+                (Phase::Locate, _) => Goal::Do(Action::Locate),
+                (Phase::Refine { moves }, _) => Goal::Do(Action::Refine { view: moves }),
+                (Phase::Dry, _) => Goal::Do(Action::DryPicture),
+                (Phase::Inspect, _) => Goal::Do(Action::Film),
+                (Phase::Plan, _) => Goal::Do(Action::Plan { pass: state.job.pass }),
+                (Phase::Verify, _) => Goal::Do(Action::Verify { view: state.job.verified }),
                 (Phase::Abrade, _) => {
-                    Aim::Do(Act::Move(state.motion(if self.is_air() { Path::Air } else { Path::Contact })))
+                    Goal::Do(Action::Move(state.motion(if self.is_air() { Path::Air } else { Path::Contact })))
                 }
-                (Phase::Retract, _) => Aim::Do(Act::Move(state.motion(Path::Retract))),
-                (Phase::Assess { .. }, _) => Aim::Do(Act::Assess),
+                (Phase::Retract, _) => Goal::Do(Action::Move(state.motion(Path::Retract))),
+                (Phase::Assess { .. }, _) => Goal::Do(Action::Assess),
             },
         }
     }
@@ -62,37 +62,37 @@ impl Turn {
     }
 
     /// Adopts the facts from an act's answer, and chooses the next state.
-    pub fn answered(&mut self, act: Act, answer: Answer) {
+    pub fn answered(&mut self, act: Action, answer: Answer) {
         use Answer as R;
         match (act, answer) {
-            (Act::EndEpoch { .. }, R::Stands { done }) => self.epoch_ended(done),
-            (Act::EndEpoch { .. }, _) if matches!(self.state.at, At::Aborting { .. }) => self.abort_failed(),
+            (Action::EndEpoch { .. }, R::Standstill { done }) => self.epoch_ended(done),
+            (Action::EndEpoch { .. }, _) if matches!(self.state.at, At::Aborting { .. }) => self.abort_failed(),
             (_, R::Failed(trouble)) => self.trouble(trouble),
-            (Act::Stand, R::Stands { done }) => {
+            (Action::CheckStandstill, R::Standstill { done }) => {
                 self.close_intent(Outcome::Cleared, done);
                 (self.facts().standing, self.facts().touching) = (true, false);
             }
-            (Act::SelfTest, R::Done) => self.facts().tested = true,
-            (Act::OpenEpoch { above }, R::Epoch(epoch)) if epoch > above => {
+            (Action::SelfTest, R::Done) => self.facts().tested = true,
+            (Action::OpenEpoch { above }, R::Epoch(epoch)) if epoch > above => {
                 self.state.epoch = epoch;
                 // A new epoch has neither base nor tool.
                 (self.facts().epoch, self.facts().frames) = (Epoch::Open, None);
             }
-            (Act::SetFrames(frames), R::Done) => self.facts().frames = Some(frames),
-            (Act::Switch(switch), R::Done) => self.switched(switch),
-            (Act::Move(motion), R::Stands { done }) => self.on_standstill(motion, done),
-            (Act::Locate, R::Graded(grade)) => self.graded(grade, Phase::Refine { moves: 0 }),
-            (Act::Refine { .. }, R::Graded(grade)) => self.refined(grade),
-            (Act::Refine { view }, R::LookOn) => {
+            (Action::SetFrames(frames), R::Done) => self.facts().frames = Some(frames),
+            (Action::Switch(switch), R::Done) => self.switched(switch),
+            (Action::Move(motion), R::Standstill { done }) => self.on_standstill(motion, done),
+            (Action::Locate, R::Graded(grade)) => self.graded(grade, Phase::Refine { moves: 0 }),
+            (Action::Refine { .. }, R::Graded(grade)) => self.refined(grade),
+            (Action::Refine { view }, R::LookOn) => {
                 self.state.at = if self.is_last(view) {
                     At::Completing { verdict: Verdict::Reject }
                 } else {
                     At::Execute(Phase::Refine { moves: view.saturating_add(1) })
                 };
             }
-            (Act::DryPicture, R::Done) => self.state.at = At::Execute(self.state.job.after_dry),
-            (Act::Film, R::Filmed(film)) => self.filmed(film),
-            (Act::Plan { .. }, R::Planned { plan, waypoints }) => {
+            (Action::DryPicture, R::Done) => self.state.at = At::Execute(self.state.job.after_dry),
+            (Action::Film, R::Filmed(film)) => self.filmed(film),
+            (Action::Plan { .. }, R::Planned { plan, waypoints }) => {
                 (self.state.job.plan, self.state.job.waypoints) = (plan, waypoints);
                 let verify = if self.rules.keep(Rule::VerifyFirst) { Phase::Verify } else { Phase::Abrade };
                 self.state.at = match (waypoints, self.is_air()) {
@@ -101,15 +101,15 @@ impl Turn {
                     _ => At::Execute(verify),
                 };
             }
-            (Act::Plan { .. }, R::PlannedForReview { plan, waypoints }) => {
+            (Action::Plan { .. }, R::PlannedForReview { plan, waypoints }) => {
                 (self.state.job.plan, self.state.job.waypoints) = (plan, waypoints);
                 self.graded(Grade::Review, Phase::Verify);
             }
-            (Act::Plan { .. }, R::Graded(Grade::Reject)) => self.graded(Grade::Reject, Phase::Verify),
-            (Act::Assess, R::Graded(grade)) => self.assessed(grade),
-            (Act::Verify { view }, R::LookOn) if self.is_last(view) => self.verified(Grade::Reject),
-            (Act::Verify { view }, R::LookOn) => self.state.job.verified = view.saturating_add(1),
-            (Act::Verify { .. }, R::Graded(grade)) => self.verified(grade),
+            (Action::Plan { .. }, R::Graded(Grade::Reject)) => self.graded(Grade::Reject, Phase::Verify),
+            (Action::Assess, R::Graded(grade)) => self.assessed(grade),
+            (Action::Verify { view }, R::LookOn) if self.is_last(view) => self.verified(Grade::Reject),
+            (Action::Verify { view }, R::LookOn) => self.state.job.verified = view.saturating_add(1),
+            (Action::Verify { .. }, R::Graded(grade)) => self.verified(grade),
             _ => self.trouble(Trouble::Unexpected),
         }
     }

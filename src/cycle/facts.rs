@@ -3,7 +3,7 @@
 //! The facts agree with the robot link: an epoch that the link has ended is not open here, whatever the cycle was
 //! doing. If it is not certain that an epoch has ended, it is ended before another one is opened.
 
-use super::{Act, Frames, Id, Path, Robot, Switch};
+use super::{Action, Frames, Id, Path, Robot, Switch};
 use serde::{Deserialize, Serialize};
 
 /// The facts that interlocks need. A report makes a fact known, and a request for a change makes it unknown.
@@ -170,17 +170,17 @@ impl Facts {
     }
 
     /// Marks the facts that an act changes as unknown until the act is answered.
-    pub(super) fn ask(&mut self, act: Act) {
+    pub(super) fn ask(&mut self, act: Action) {
         match act {
-            Act::Move(motion) => {
+            Action::Move(motion) => {
                 self.arm = None;
                 self.touching |= motion.path == Path::Contact;
             }
-            Act::OpenEpoch { .. } => self.epoch = Epoch::Changing,
+            Action::OpenEpoch { .. } => self.epoch = Epoch::Changing,
             // The outputs of the epoch go off before the act is answered.
-            Act::EndEpoch { .. } => self.end_epoch(Epoch::Changing),
-            Act::SetFrames(_) => self.frames = None,
-            Act::Switch(switch) => match switch {
+            Action::EndEpoch { .. } => self.end_epoch(Epoch::Changing),
+            Action::SetFrames(_) => self.frames = None,
+            Action::Switch(switch) => match switch {
                 Switch::ToolOn => (self.tool, self.tool_may_run) = (Tool::Unknown, true),
                 Switch::Rinse | Switch::Spray => (self.water, self.water_may_run) = (Water::Unknown, true),
                 Switch::ToolOff => self.tool = Tool::Unknown,
@@ -214,7 +214,7 @@ impl Facts {
     /// Marks the state that this switch had proven as unknown; it is proven again before it is needed. A tool or
     /// water that was off may now run.
     pub(super) fn doubt(&mut self, switch: Switch) {
-        self.ask(Act::Switch(switch));
+        self.ask(Action::Switch(switch));
         self.tool_may_run |= switch == Switch::ToolOff;
         self.water_may_run |= switch == Switch::WaterOff;
     }

@@ -2,7 +2,7 @@
 //! them about.
 
 use super::rules::Rule;
-use super::{Act, Epoch, Extraction, Facts, Frames, Lens, Light, Motion, Path, State, Switch, Tool, Water};
+use super::{Action, Epoch, Extraction, Facts, Frames, Lens, Light, Motion, Path, State, Switch, Tool, Water};
 
 /// A condition that must be satisfied.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -31,7 +31,7 @@ pub(super) enum Need {
 pub(super) type Row = (Rule, Need);
 
 /// Returns the needs of an act. This is the whole list of the cell's interlocks.
-pub(super) fn needs(act: Act) -> Vec<Row> {
+pub(super) fn needs(act: Action) -> Vec<Row> {
     use Need as N;
     use Rule as R;
     let parked = (R::ArmOutOfView, N::At(Path::Park));
@@ -45,22 +45,22 @@ pub(super) fn needs(act: Act) -> Vec<Row> {
     let (epoch, token) = ((R::Epoch, N::Epoch), (R::Token, N::Token));
     let full_override = (R::FullOverride, N::FullOverride);
     match act {
-        Act::Stand
-        | Act::SelfTest
-        | Act::OpenEpoch { .. }
-        | Act::EndEpoch { .. }
-        | Act::Plan { .. }
-        | Act::Assess => vec![],
-        Act::Locate => vec![dry_air, parked, dark, clear],
-        Act::DryPicture => vec![dry_air, parked, lit, clear],
-        Act::Film => vec![dry_air, parked, lit, clear],
-        Act::Refine { view } | Act::Verify { view } => vec![dark, clear, corner(view)],
-        Act::Switch(Switch::Rinse | Switch::Spray) => {
+        Action::CheckStandstill
+        | Action::SelfTest
+        | Action::OpenEpoch { .. }
+        | Action::EndEpoch { .. }
+        | Action::Plan { .. }
+        | Action::Assess => vec![],
+        Action::Locate => vec![dry_air, parked, dark, clear],
+        Action::DryPicture => vec![dry_air, parked, lit, clear],
+        Action::Film => vec![dry_air, parked, lit, clear],
+        Action::Refine { view } | Action::Verify { view } => vec![dark, clear, corner(view)],
+        Action::Switch(Switch::Rinse | Switch::Spray) => {
             vec![epoch, (R::ParkedForWater, N::At(Path::Park)), tool_off, (R::LensGuarded, N::LensGuarded)]
         }
-        Act::Switch(Switch::ToolOn) => vec![full_override, epoch, drained, extraction, at_approach],
-        Act::Switch(_) | Act::SetFrames(_) => vec![epoch],
-        Act::Move(Motion { path, .. }) => match path {
+        Action::Switch(Switch::ToolOn) => vec![full_override, epoch, drained, extraction, at_approach],
+        Action::Switch(_) | Action::SetFrames(_) => vec![epoch],
+        Action::Move(Motion { path, .. }) => match path {
             Path::Park => vec![epoch, dry_air, tool_off],
             Path::Corner { .. } => vec![epoch, dry_air, tool_off, camera],
             Path::Approach => vec![epoch, drained, tool_off, token, pad],
@@ -76,7 +76,7 @@ pub(super) fn needs(act: Act) -> Vec<Row> {
 
 /// The needs of an act that do not hold, each as text; empty if the act may begin. For acts that a person requests
 /// one at a time: they keep the interlocks of a cycle.
-pub fn open_interlocks(act: Act, facts: &Facts) -> Vec<&'static str> {
+pub fn open_interlocks(act: Action, facts: &Facts) -> Vec<&'static str> {
     needs(act).into_iter().filter(|(_, need)| !need.holds(facts)).map(|(_, need)| need.words()).collect()
 }
 
@@ -180,28 +180,28 @@ impl Need {
     }
 
     /// The act that brings it about; `None` if only time does, or a person.
-    pub fn brought_by(self, state: &State) -> Option<Act> {
+    pub fn brought_by(self, state: &State) -> Option<Action> {
         Some(match self {
-            Need::Standing => Act::Stand,
-            Need::Tested => Act::SelfTest,
+            Need::Standing => Action::CheckStandstill,
+            Need::Tested => Action::SelfTest,
             // It is not certain whether an epoch is open, so it is ended first.
-            Need::Epoch if state.facts.epoch == Epoch::Changing => Act::EndEpoch { epoch: state.epoch },
-            Need::Epoch => Act::OpenEpoch { above: state.epoch },
-            Need::EpochEnded => Act::EndEpoch { epoch: state.epoch },
-            Need::Frames(frames) => Act::SetFrames(frames),
-            Need::At(path) => Act::Move(state.motion(path)),
-            Need::ToolOff => Act::Switch(Switch::ToolOff),
-            Need::ToolRunning => Act::Switch(Switch::ToolOn),
+            Need::Epoch if state.facts.epoch == Epoch::Changing => Action::EndEpoch { epoch: state.epoch },
+            Need::Epoch => Action::OpenEpoch { above: state.epoch },
+            Need::EpochEnded => Action::EndEpoch { epoch: state.epoch },
+            Need::Frames(frames) => Action::SetFrames(frames),
+            Need::At(path) => Action::Move(state.motion(path)),
+            Need::ToolOff => Action::Switch(Switch::ToolOff),
+            Need::ToolRunning => Action::Switch(Switch::ToolOn),
             Need::Drained if matches!(state.facts.water, Water::Draining { .. }) => return None,
-            Need::WaterOff | Need::Drained => Act::Switch(Switch::WaterOff),
-            Need::LightOff => Act::Switch(Switch::LightOff),
+            Need::WaterOff | Need::Drained => Action::Switch(Switch::WaterOff),
+            Need::LightOff => Action::Switch(Switch::LightOff),
             Need::LightSettled if matches!(state.facts.light, Light::Settling { .. }) => return None,
-            Need::LightSettled => Act::Switch(Switch::LightOn),
-            Need::LensClear => Act::Switch(Switch::LensClear),
-            Need::LensGuarded => Act::Switch(Switch::LensGuard),
-            Need::ExtractionOff => Act::Switch(Switch::ExtractionOff),
-            Need::ExtractionFlowing => Act::Switch(Switch::ExtractionOn),
-            Need::Token => Act::Verify { view: state.job.verified },
+            Need::LightSettled => Action::Switch(Switch::LightOn),
+            Need::LensClear => Action::Switch(Switch::LensClear),
+            Need::LensGuarded => Action::Switch(Switch::LensGuard),
+            Need::ExtractionOff => Action::Switch(Switch::ExtractionOff),
+            Need::ExtractionFlowing => Action::Switch(Switch::ExtractionOn),
+            Need::Token => Action::Verify { view: state.job.verified },
             // Only a person at the pendant can change the override; `Turn::proceed` holds the cycle until then.
             Need::FullOverride => return None,
         })

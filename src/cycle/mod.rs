@@ -31,13 +31,13 @@
 //!
 //! Sources: `ANSI/ISA-TR88.00.02` for the names of the outer states; thesis Fig. 4.30 for the order.
 
-mod boot;
 mod effect;
 mod event;
 mod execute;
 mod facts;
 mod interlocks;
-mod rest;
+mod recovery;
+mod restart;
 mod rules;
 mod state;
 mod step;
@@ -47,11 +47,11 @@ mod turn;
 #[cfg(test)]
 mod tests;
 
-pub use boot::{fold, recover};
-pub use effect::{Act, Effect, Frames, Motion, Outcome, Path, Refusal};
+pub use effect::{Action, Effect, Frames, Motion, Outcome, Path, Refusal};
 pub use event::{Answer, Deadline, Event, Film, Grade, Id, Report, Request, Robot, Trouble};
 pub use facts::{Epoch, Extraction, Facts, Lens, Light, Tool, Water};
 pub use interlocks::open_interlocks;
+pub use recovery::{fold, recover};
 pub use state::{At, Cause, Due, Hold, Intent, Job, Phase, State, Why};
 pub use step::step;
 pub use switch::Switch;

@@ -1,6 +1,6 @@
 //! The state of the cycle.
 
-use super::{Act, Facts, Id, Motion, Robot, Trouble};
+use super::{Action, Facts, Id, Motion, Robot, Trouble};
 use crate::verdict::Verdict;
 use serde::{Deserialize, Serialize};
 
@@ -283,7 +283,7 @@ pub struct Due {
     /// The id that its answer must contain.
     pub id: Id,
     /// The act.
-    pub act: Act,
+    pub act: Action,
 }
 
 /// An open motion.

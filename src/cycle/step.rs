@@ -3,8 +3,8 @@
 use super::rules::{Rule, Rules};
 use super::turn::Turn;
 use super::{
-    Act, Answer, At, Cause, Deadline, Effect, Epoch, Event, Hold, Id, Job, Light, Phase, Refusal, Report, Request,
-    Robot, State, Trouble, Water, Why,
+    Action, Answer, At, Cause, Deadline, Effect, Epoch, Event, Hold, Id, Job, Light, Phase, Refusal, Report,
+    Request, Robot, State, Trouble, Water, Why,
 };
 use crate::verdict::Verdict;
 
@@ -18,7 +18,7 @@ pub(super) fn step_with(rules: Rules, state: State, event: Event) -> (State, Vec
     let mut turn = Turn { rules, state, effects: Vec::new() };
     match event {
         Event::Asked(request) => turn.asked(request),
-        Event::Told(report) => turn.on_report(report),
+        Event::Reported(report) => turn.on_report(report),
     }
     turn.proceed();
     if turn.state.at != state.at {
@@ -172,7 +172,7 @@ impl Turn {
     fn progressed(&mut self, id: Id, done: u32) {
         let Some(due) = self.state.due.filter(|due| due.id == id) else { return self.drop() };
         match (&mut self.state.intent, due.act) {
-            (Some(intent), Act::Move(motion)) => {
+            (Some(intent), Action::Move(motion)) => {
                 let in_order = intent.done <= done && done <= motion.waypoints;
                 intent.done = done;
                 if !in_order && self.rules.keep(Rule::Sequence) {
@@ -206,7 +206,7 @@ impl Turn {
             self.state.facts.end_epoch(Epoch::Changing);
         }
         let Some(trouble) = trouble else { return };
-        let ends = self.state.due.is_some_and(|due| matches!(due.act, Act::EndEpoch { .. }));
+        let ends = self.state.due.is_some_and(|due| matches!(due.act, Action::EndEpoch { .. }));
         match self.state.at {
             at if at.rests() => {}
             At::Aborting { .. } => {}
@@ -280,7 +280,7 @@ impl Turn {
     fn boot(&mut self) {
         self.conclude(Verdict::Aborted);
         if self.rules.keep(Rule::BootRests) {
-            self.state = super::rest::booted(self.state);
+            self.state = super::restart::state_after_restart(self.state);
         }
     }
 }

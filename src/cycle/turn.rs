@@ -2,17 +2,19 @@
 
 use super::interlocks::{Row, needs};
 use super::rules::{Rule, Rules};
-use super::{Act, At, Deadline, Due, Effect, Facts, Id, Intent, Outcome, Phase, Refusal, Request, State, Trouble};
+use super::{
+    Action, At, Deadline, Due, Effect, Facts, Id, Intent, Outcome, Phase, Refusal, Request, State, Trouble,
+};
 use crate::verdict::Verdict;
 
 /// The aim of a state.
-pub(super) enum Aim {
+pub(super) enum Goal {
     /// To do nothing, or only to wait for time to pass.
     Rest,
     /// To perform this act, once its needs are satisfied.
-    Do(Act),
+    Do(Action),
     /// To perform this act at once.
-    Now(Act),
+    Now(Action),
     /// To enter the next state, once these needs are satisfied.
     Reach(&'static [Row], At),
 }
@@ -68,10 +70,10 @@ impl Turn {
                 self.trouble(Trouble::Override);
             }
             match self.aim() {
-                Aim::Rest => return,
-                Aim::Do(act) => return self.perform_first(act),
-                Aim::Now(act) => return self.perform(act),
-                Aim::Reach(rows, at) => match self.unmet(rows) {
+                Goal::Rest => return,
+                Goal::Do(act) => return self.perform_first(act),
+                Goal::Now(act) => return self.perform(act),
+                Goal::Reach(rows, at) => match self.unmet(rows) {
                     Some(Some(act)) => return self.perform_first(act),
                     Some(None) => return,
                     None => self.enter(at),
@@ -89,7 +91,7 @@ impl Turn {
 
     /// Performs the first act that the given act still needs, or the given act itself if all needs are satisfied.
     /// If only time must pass, nothing is performed yet.
-    fn perform_first(&mut self, mut act: Act) {
+    fn perform_first(&mut self, mut act: Action) {
         loop {
             match self.unmet(&needs(act)) {
                 Some(Some(before)) => act = before,
@@ -100,17 +102,17 @@ impl Turn {
     }
 
     /// The act that brings about the first need that does not hold; `Some(None)` if only time does.
-    fn unmet(&self, rows: &[Row]) -> Option<Option<Act>> {
+    fn unmet(&self, rows: &[Row]) -> Option<Option<Action>> {
         let missing = |(rule, need): &&Row| self.rules.keep(*rule) && !need.holds(&self.state.facts);
         rows.iter().find(missing).map(|(_, need)| need.brought_by(&self.state))
     }
 
-    fn perform(&mut self, act: Act) {
+    fn perform(&mut self, act: Action) {
         let id = self.fresh();
         if self.rules.keep(Rule::AskedIsUnknown) {
             self.state.facts.ask(act);
         }
-        if let Act::Move(motion) = act {
+        if let Action::Move(motion) = act {
             self.state.intent = Some(Intent { id, motion, done: 0 });
             if self.rules.keep(Rule::IntentFirst) {
                 self.effects.push(Effect::OpenIntent(motion));

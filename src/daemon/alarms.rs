@@ -1,10 +1,10 @@
 //! The alarms of the cell, for every front that shows them: those of the newest cycles, and those between cycles.
 
+use super::active_alarms::{Found, StandingAlarms};
+use super::camera_lease::SharedCameras;
 use super::clock::now_unix_ms;
-use super::lending::SharedCameras;
 use super::people::People;
 use super::setup_source::SetupSource;
-use super::standing::{Found, StandingAlarms};
 use crate::accounts::AuditEntry;
 use crate::history::{Acknowledgement, Alarm, Query};
 use crate::record::CycleId;

@@ -22,7 +22,7 @@ pub(super) use work::{Found, Work, Worked};
 use super::error::DaemonError;
 use super::live_view::LiveView;
 use super::ports::{CameraPort, Keeper};
-use crate::cycle::{Act, Answer, Id, Trouble};
+use crate::cycle::{Action, Answer, Id, Trouble};
 use crate::supervision::{Supervised, Supervisor, supervised};
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -140,7 +140,7 @@ impl<'p> Computing<'p> {
     pub(super) fn abandon(&mut self) {
         self.due.store(NONE_DUE, Ordering::Relaxed);
         if let (Executor::Inline { queue, .. }, false) = (&mut self.executor, self.lock_step) {
-            queue.retain(|work| work.act != Act::Film);
+            queue.retain(|work| work.act != Action::Film);
         }
     }
 

@@ -5,10 +5,10 @@
 //! progress. So after a crash at any moment the record bounds what was executed.
 
 use super::error::DaemonError;
+use super::path_progress::PathProgress;
+use super::path_progress::SentPath;
 use super::ports::{RecordCommand, RobotPort};
 use super::running::Running;
-use super::sent::Sent;
-use super::underway::Underway;
 use crate::cycle::{Motion, Outcome, Path};
 use crate::eki::CommandId;
 use crate::record::ContactPath;
@@ -29,7 +29,7 @@ impl Running<'_> {
         }
         // If the plan is not known, nothing is sent.
         let (grids, reached_s, wears_mm2) = planned.unwrap_or_default();
-        self.underway = Underway::new(reached_s, self.cell.limits.window_s());
+        self.underway = PathProgress::new(reached_s, self.cell.limits.window_s());
         self.underway.reserved_mm2 = wears_mm2;
         self.ports.record.keep(RecordCommand::WearDisc(wears_mm2))?;
         let id = self.state.intent.map(|intent| intent.id).unwrap_or(self.state.last_id);
@@ -39,7 +39,7 @@ impl Running<'_> {
     }
 
     /// Permits the robot more waypoints, once this permission is recorded.
-    pub(super) fn permit_more(&mut self, sent: Sent, done: u32) -> Result<(), DaemonError> {
+    pub(super) fn permit_more(&mut self, sent: SentPath, done: u32) -> Result<(), DaemonError> {
         let is_contact = sent.path() == Path::Contact;
         let Some(wanted) = self.underway.wanted(done).filter(|_| is_contact) else { return Ok(()) };
         self.ports.record.keep(RecordCommand::Permit(wanted))?;
@@ -84,7 +84,7 @@ mod tests {
     /// permitted when 10 or fewer are left.
     #[test]
     fn waypoints_are_permitted_some_windows_ahead() {
-        let mut underway = Underway::new((0..=100).map(|n| 0.2 * f64::from(n)).collect(), 1.0);
+        let mut underway = PathProgress::new((0..=100).map(|n| 0.2 * f64::from(n)).collect(), 1.0);
         assert_eq!(underway.permitted, 20);
         assert_eq!(underway.wanted(9), None);
         assert_eq!(underway.wanted(11), Some(31));
@@ -98,10 +98,10 @@ mod tests {
     /// would wait for them.
     #[test]
     fn some_are_permitted_whatever_they_last() {
-        let underway = Underway::new((0..=100).map(|n| 5.0 * f64::from(n)).collect(), 1.0);
+        let underway = PathProgress::new((0..=100).map(|n| 5.0 * f64::from(n)).collect(), 1.0);
         assert_eq!(underway.permitted, 16);
         assert_eq!((underway.wanted(7), underway.wanted(9)), (None, Some(25)));
-        assert_eq!(Underway::new(Vec::new(), 1.0).permitted, 0, "nothing is known of the plan");
-        assert_eq!(Underway::new(vec![0.0, 1.0, 2.0], 1.0).permitted, 2);
+        assert_eq!(PathProgress::new(Vec::new(), 1.0).permitted, 0, "nothing is known of the plan");
+        assert_eq!(PathProgress::new(vec![0.0, 1.0, 2.0], 1.0).permitted, 2);
     }
 }

@@ -9,7 +9,7 @@
 use super::wiring::reads;
 use crate::cycle::Request;
 use crate::eki::State;
-use crate::record::Front;
+use crate::record::RequestSource;
 use crate::verdict::Reason;
 
 /// The state of the selector switch, and whether a first start was permitted.
@@ -28,7 +28,7 @@ impl Control {
     }
 
     /// Returns why a request is refused from this front; `None` if it is accepted.
-    pub fn refusal(&self, request: Request, front: Front, state: Option<&State>) -> Option<Reason> {
+    pub fn refusal(&self, request: Request, front: RequestSource, state: Option<&State>) -> Option<Reason> {
         let bit = self.bit?;
         if matches!(request, Request::Stop | Request::Abort | Request::Hold) {
             return None;
@@ -69,10 +69,14 @@ impl Control {
 
 /// Whether a request from this front comes from a person at the cell, as far as the program can know. A person who
 /// uses the page or the socket from elsewhere is limited by the switch, which a person at the cell has set.
-fn is_at_cell(front: Front) -> bool {
+fn is_at_cell(front: RequestSource) -> bool {
     match front {
-        Front::Socket | Front::Page | Front::Command | Front::Signal | Front::Program => true,
-        Front::OpcUa | Front::Sparkplug | Front::Line => false,
+        RequestSource::Socket
+        | RequestSource::Page
+        | RequestSource::Command
+        | RequestSource::Signal
+        | RequestSource::Program => true,
+        RequestSource::OpcUa | RequestSource::Sparkplug | RequestSource::Line => false,
     }
 }
 
@@ -81,7 +85,7 @@ mod tests {
     use super::*;
     const START: Request = Request::Start { max_passes: 1, max_moves: 1, dries: false };
 
-    fn refused(control: &Control, request: Request, front: Front, is_local: bool) -> Option<String> {
+    fn refused(control: &Control, request: Request, front: RequestSource, is_local: bool) -> Option<String> {
         let state = State { inputs: u32::from(is_local), ..crate::daemon::tests::standing_state() };
         control.refusal(request, front, Some(&state)).map(|reason| reason.code.to_string())
     }
@@ -91,10 +95,10 @@ mod tests {
         let mut control = Control::new(Some(0));
         for request in [Request::Clear, Request::Unhold { dried: false }, Request::Accept, START] {
             for (front, is_local, is_taken) in [
-                (Front::Page, true, true),
-                (Front::Page, false, false),
-                (Front::OpcUa, true, false),
-                (Front::OpcUa, false, false),
+                (RequestSource::Page, true, true),
+                (RequestSource::Page, false, false),
+                (RequestSource::OpcUa, true, false),
+                (RequestSource::OpcUa, false, false),
             ] {
                 let code = refused(&control, request, front, is_local);
                 assert_eq!(
@@ -106,18 +110,18 @@ mod tests {
         }
         control.has_taken(START);
         // After the first start, only the selected side may start.
-        assert_eq!(refused(&control, START, Front::Line, false), None);
-        assert_eq!(refused(&control, START, Front::Line, true).as_deref(), Some("not_selected"));
-        assert_eq!(refused(&control, START, Front::Page, false).as_deref(), Some("not_selected"));
+        assert_eq!(refused(&control, START, RequestSource::Line, false), None);
+        assert_eq!(refused(&control, START, RequestSource::Line, true).as_deref(), Some("not_selected"));
+        assert_eq!(refused(&control, START, RequestSource::Page, false).as_deref(), Some("not_selected"));
         control.has_taken(Request::Clear);
-        assert_eq!(refused(&control, START, Front::Line, false).as_deref(), Some("local_control"));
+        assert_eq!(refused(&control, START, RequestSource::Line, false).as_deref(), Some("local_control"));
     }
 
     #[test]
     fn what_stops_is_taken_from_every_side() {
         let control = Control::new(Some(0));
         for request in [Request::Stop, Request::Abort, Request::Hold] {
-            for front in [Front::Socket, Front::OpcUa, Front::Line] {
+            for front in [RequestSource::Socket, RequestSource::OpcUa, RequestSource::Line] {
                 assert_eq!(
                     refused(&control, request, front, true).or(refused(&control, request, front, false)),
                     None
@@ -125,10 +129,10 @@ mod tests {
                 assert_eq!(control.refusal(request, front, None), None);
             }
         }
-        let unknown = control.refusal(START, Front::Page, None).expect("the controller is not there");
+        let unknown = control.refusal(START, RequestSource::Page, None).expect("the controller is not there");
         assert_eq!(unknown.code, "control_unknown");
         assert_eq!(
-            refused(&Control::default(), Request::Clear, Front::OpcUa, false),
+            refused(&Control::default(), Request::Clear, RequestSource::OpcUa, false),
             None,
             "a cell without a switch"
         );

@@ -11,7 +11,7 @@ use crate::geometry::{Base, Flange, Joints, KukaPose, Panel, Rigid, Tool};
 use crate::path::Kinematics;
 
 /// A robot port that corrects the commands for the robot's arm.
-pub(super) struct Corrected<'r> {
+pub(super) struct CalibratedRobot<'r> {
     robot: &'r mut dyn RobotPort,
     /// The arm, if it has a correction.
     arm: Option<Kinematics>,
@@ -23,10 +23,10 @@ pub(super) struct Corrected<'r> {
     reported_tcp: Option<KukaPose>,
 }
 
-impl<'r> Corrected<'r> {
+impl<'r> CalibratedRobot<'r> {
     /// Creates the port with the correction of this arm.
     pub fn new(robot: &'r mut dyn RobotPort, arm: &cell::Arm) -> Self {
-        Corrected {
+        CalibratedRobot {
             robot,
             arm: arm.correction().map(|_| Kinematics::new(arm)),
             base: Rigid::claim(nalgebra::Isometry3::identity()),
@@ -95,7 +95,7 @@ fn tip(arm: &Kinematics, state: &State) -> KukaPose {
     KukaPose::from_rigid(&(base.inverse() * arm.true_flange(reported, &state.joints) * tool))
 }
 
-impl Port<RobotCommand> for Corrected<'_> {
+impl Port<RobotCommand> for CalibratedRobot<'_> {
     fn perform(&mut self, command: RobotCommand) -> RobotAnswer {
         match command {
             _ if self.arm.is_none() => self.robot.perform(command),
@@ -194,7 +194,7 @@ mod tests {
         let standing = eki_state(HOME, KukaPose::default());
         wire.reports.push_back(Report::State(Box::new(standing)));
         let arm = turned();
-        let mut robot = Corrected::new(&mut wire, &arm);
+        let mut robot = CalibratedRobot::new(&mut wire, &arm);
         assert!(robot.next().expect("a link").is_some());
         robot.send(Command::SetBase(KukaPose::default())).expect("sent");
         let tool = SetTcp { flange_from_tool: KukaPose::default(), kind: TcpKind::Other };
@@ -207,7 +207,7 @@ mod tests {
         let drawn = Kinematics::new(Cell::check("cell.toml", "").unwrap_or_else(|p| panic!("{p}")).arm());
         let (_, joints) = drawn.sent_flange(&sent[0].to_rigid(), &Joints::from(HOME)).expect("in reach");
         wire.reports.push_back(Report::State(Box::new(eki_state(joints.degrees(), sent[0]))));
-        let mut robot = Corrected::new(&mut wire, &arm);
+        let mut robot = CalibratedRobot::new(&mut wire, &arm);
         let Ok(Some(Report::State(state))) = robot.next() else { panic!("a state") };
         let off = (state.base_from_tcp.to_rigid::<Base, Tool>())
             .origin()
@@ -223,10 +223,10 @@ mod tests {
     #[test]
     fn a_line_from_nobody_knows_where_is_not_sent() {
         let (mut wire, arm) = (Wire::default(), turned());
-        let refused = Corrected::new(&mut wire, &arm).send_path(vec![point(0.0)], None);
+        let refused = CalibratedRobot::new(&mut wire, &arm).send_path(vec![point(0.0)], None);
         assert_eq!(refused, Err(QueueError::Uncorrected { point: 1 }));
         let far = MoveLin { pose: KukaPose { x_mm: 2_000.0, ..pose(0.0) }, ..point(0.0) };
-        let mut robot = Corrected::new(&mut wire, &arm);
+        let mut robot = CalibratedRobot::new(&mut wire, &arm);
         robot.send(Command::MoveJ(MoveJ { joints: Joints::from(HOME), axis_speed_percent: 10.0 })).expect("sent");
         assert_eq!(robot.send_path(vec![point(0.0), far], None), Err(QueueError::Uncorrected { point: 2 }));
         assert_eq!(lines(&wire), []);
@@ -238,7 +238,7 @@ mod tests {
         let mut wire = Wire::default();
         let told = eki_state(HOME, KukaPose { x_mm: 1.0 / 3.0, ..pose(7.0) });
         wire.reports.push_back(Report::State(Box::new(told)));
-        let mut robot = Corrected::new(&mut wire, cell.arm());
+        let mut robot = CalibratedRobot::new(&mut wire, cell.arm());
         assert_eq!(robot.next(), Ok(Some(Report::State(Box::new(told)))));
         robot.send_path(vec![point(0.1)], None).expect("sent");
         assert_eq!(lines(&wire), [pose(0.1)]);

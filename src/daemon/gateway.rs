@@ -1,11 +1,11 @@
 //! The service from the view of its fronts: a front passes on a request and its origin, and waits for one reply.
 
 use super::caller;
-use super::lending::SharedCameras;
+use super::camera_lease::SharedCameras;
+use super::operator_texts;
 use super::reply::{Exit, Reply};
-use super::request::{PreparedCycle, Request, StartRequest, What};
+use super::request::{PreparedCycle, Request, RequestKind, StartRequest};
 use super::request_queue::{RequestQueueError, RequestSender};
-use super::words;
 use crate::record::Who;
 use crate::verdict::Reason;
 use std::sync::Arc;
@@ -37,16 +37,16 @@ impl Gateway {
 
     /// Passes on a request and returns the reply. It runs on a runtime of tokio that has a blocking thread for the
     /// loader.
-    pub async fn request(&self, what: What, who: Who) -> Reply {
+    pub async fn request(&self, what: RequestKind, who: Who) -> Reply {
         let (what, who) = match what {
             // The state is requested many times a second, and the user's name is read from a file.
-            What::State => (What::State, who),
-            What::Start(start) => {
+            RequestKind::State => (RequestKind::State, who),
+            RequestKind::Start(start) => {
                 let (recipe, who) = (start.recipe.clone(), caller::named(who));
                 match self.prepare(start).await {
-                    Ok(prepared) => (What::Begin(Box::new(prepared)), who),
+                    Ok(prepared) => (RequestKind::Begin(Box::new(prepared)), who),
                     Err(refused) => {
-                        let what = What::Unprepared { recipe, reasons: refused.reasons.clone() };
+                        let what = RequestKind::Unprepared { recipe, reasons: refused.reasons.clone() };
                         #[expect(
                             clippy::let_underscore_must_use,
                             reason = "if it is not accepted, the service has ended, or this user has too many \
@@ -57,16 +57,16 @@ impl Gateway {
                     }
                 }
             }
-            What::Shoot(_) => {
+            RequestKind::Shoot(_) => {
                 let message = "the service has not opened its cameras yet; request its state";
                 return Reply::refused(Exit::Refused, vec![Reason::new("not_now", message)]);
             }
-            What::Table(request) if request.is_decision() => {
-                return Reply::refused(Exit::Refused, vec![words::no_step(request)]);
+            RequestKind::Table(request) if request.is_decision() => {
+                return Reply::refused(Exit::Refused, vec![operator_texts::no_step(request)]);
             }
             what => (what, caller::named(who)),
         };
-        let in_log = (!matches!(what, What::State)).then(|| (what.words(), caller::in_log(&who)));
+        let in_log = (!matches!(what, RequestKind::State)).then(|| (what.words(), caller::in_log(&who)));
         let (reply, answer) = oneshot::channel();
         let failed = |code, message: &str| Reply::refused(Exit::Fault, vec![Reason::new(code, message)]);
         if let Err(error) = self.queue.send(Request { what, who, reply: Some(reply) }) {

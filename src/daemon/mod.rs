@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! requests ─┐                    ┌─ record: journal first, then everything else
-//! deadlines ┼─ event ─ step ─────┼─ robot: switches, frames, paths      (`acts`, `moves`, `wiring`)
+//! deadlines ┼─ event ─ step ─────┼─ robot: switches, frames, paths      (`actions`, `moves`, `wiring`)
 //! robot ────┘                    └─ cameras and computing               (`computing`, `perception`, `abrasion`)
 //! ```
 //!
@@ -16,24 +16,26 @@
 //! Time is the robot's. In lock step it is the mock controller's virtual clock, so that sprays, films and deadlines
 //! need no real time; this clock stops while something is computed.
 //!
-//! `setup` is the loop's input. `running` is its memory, with `pending`, the act that is under way, `sent`, the
-//! path that was sent, and `underway`, how far a contact path may continue. `answers` converts a phase's findings
-//! into the table's answer and the record's finding; `pressing` is the known state of a compliant tool. `run`,
-//! `acts`, `moves`, `contacts`, `robot_reports` and `tool_reports` perform.
+//! `setup` is the loop's input. `running` is its memory, with `pending_action`, the action in progress, and
+//! `path_progress`, the path that was sent and how far a contact path may continue. `answers` converts a phase's findings
+//! into the table's answer and the record's finding; `tool_state` is the known state of a compliant tool. `run`,
+//! `actions`, `moves`, `contacts`, `robot_reports` and `tool_reports` perform.
 //!
 //! A service, a single cycle and a replay are this same loop on other `ports`. Around the loop of the service are
 //! `request` (the one request of every front) · `socket` (the front on this computer) · `protocol` (a line in, a
 //! line out) · `gateway` (a request in, a reply out) · `request_queue` (waiting requests, by their urgency) ·
-//! `request_handler` (requests, signals and systemd, as the loop sees them) · `lending` (the cameras, for others,
+//! `request_handler` (requests, signals and systemd, as the loop sees them) · `camera_lease` (the cameras, for others,
 //! between cycles) · `words` (states and refusals for people). `replay` records what passes through the ports, and
 //! runs a cycle again on a recording.
 
 mod abrasion;
-mod acts;
+mod actions;
+mod active_alarms;
 mod alarms;
 mod answers;
 mod background;
 mod caller;
+mod camera_lease;
 mod cameras;
 mod clock;
 mod computing;
@@ -48,21 +50,21 @@ mod feedbacks;
 mod films;
 mod fleet;
 mod free_memory;
-mod front_parts;
 mod gateway;
 mod hashing;
-mod lending;
+mod interface_context;
 mod line;
 mod live_scene;
 mod live_view;
 mod moves;
 mod office;
 mod opcua;
-mod pending;
+mod operator_texts;
+mod path_progress;
+mod pending_action;
 mod people;
 mod perception;
 mod ports;
-mod pressing;
 mod progress_file;
 mod protocol;
 mod push;
@@ -77,7 +79,6 @@ mod request_queue;
 mod robot_reports;
 mod run;
 mod running;
-mod sent;
 mod setup;
 mod setup_source;
 mod single;
@@ -85,15 +86,13 @@ mod single_interlocks;
 mod slots;
 mod socket;
 mod sparkplug;
-mod standing;
 mod store_access;
 mod tool_reports;
-mod underway;
+mod tool_state;
 mod waiting;
 mod web;
 mod wiring;
 mod without_store;
-mod words;
 mod written_page;
 
 #[cfg(test)]
@@ -101,22 +100,23 @@ mod tests;
 
 pub use alarms::{AlarmId, Alarms};
 pub use caller::whoever_runs_this;
+pub use camera_lease::{AllCameras, BorrowedFlangeCamera, LastState, RemoteScanner, SharedCameras, ShotRequest};
 pub use cameras::Cameras;
 pub use computing::{Computing, Memory, Readable, SceneKey};
 pub use error::DaemonError;
 pub use fleet::{FleetAddress, FleetError, serve as serve_fleet};
 pub use free_memory::give_back_free_memory;
-pub use front_parts::FrontParts;
 pub use gateway::{Gateway, Loader};
-pub use lending::{AllCameras, BorrowedFlangeCamera, BorrowedScanner, LastState, SharedCameras, ShotRequest};
+pub use interface_context::InterfaceContext;
 pub use line::{LineFront, LineParts};
 pub use live_view::{LiveFilm, LiveFrame, LiveView};
 pub use office::{OfficeParts, OfficeSender, OfficeStatus};
 pub use opcua::{OpcUaParts, OpcUaServer};
+pub use operator_texts::{command, refusal, request_word, why};
 pub use people::{LogIn, People};
 pub use ports::{
     CameraAnswer, CameraCommand, CameraFault, CameraPort, Command, Figure, Finding, Keeper, LinkedRobot,
-    LinkedTool, News, NoCameras, Note, Picture2d, Port, Record, RecordAnswer, RecordCommand, RecordError,
+    LinkedTool, LoopEvent, NoCameras, Note, Picture2d, Port, Record, RecordAnswer, RecordCommand, RecordError,
     RecordPort, RequestAnswer, RequestCommand, RequestPort, Requester, RobotAnswer, RobotCommand, RobotPort,
     StoredPicture, ToolAnswer, ToolCommand, ToolPort,
 };
@@ -129,7 +129,7 @@ pub use replay::{
     RecordingStatus, RecordingSwitch, free_mb, recording_file, recordings, too_full,
 };
 pub use reply::{Exit, Reply};
-pub use request::{OwnText, PartNames, PreparedCycle, RecordIn, Request, StartRequest, What};
+pub use request::{OwnText, PartNames, PreparedCycle, RecordIn, Request, RequestKind, StartRequest};
 pub use request_handler::{EndedCycle, RequestHandler, ServiceParts};
 pub use request_queue::{RequestQueue, RequestQueueError, RequestSender, request_queue};
 pub use run::{LoopOutcome, LoopStart, Ports, run};
@@ -141,5 +141,4 @@ pub use sparkplug::{SparkplugEdge, SparkplugParts};
 pub use web::{OperatorPage, PageError, PageParts};
 pub use wiring::Wiring;
 pub use without_store::wait_for;
-pub use words::{command, refusal, request_word, why};
 pub use written_page::LastWrittenPage;

@@ -3,14 +3,15 @@
 
 use super::deadlines::seconds;
 use super::error::DaemonError;
-use super::pending::{Pending, Waits};
+use super::path_progress::{End, SentPath};
+use super::pending_action::{Condition, PendingAction};
 use super::ports::RobotPort;
 use super::running::Running;
-use super::sent::{End, Sent};
 use super::setup::CycleSetup;
-use crate::cycle::{Act, Answer, Event, Id, Motion, Path, Report, Trouble};
+use crate::cycle::{Action, Answer, Event, Id, Motion, Path, Report, Trouble};
 use crate::eki::{Command, CommandId, MoveJ, MoveLin, QueueError, SetAccSpeed, Signal, State, Time};
 use crate::geometry::{Base, Flange, Joints, Panel, Rigid, Tool};
+use crate::number_text::apart;
 use crate::panel::panel_from_base_at_teaching;
 use crate::path::reach::{self, Infeasibility, Obstacles};
 use crate::path::routes::{self, Gated, LinearMotion, PathSpeed, StartState};
@@ -18,7 +19,6 @@ use crate::path::trace::Trace;
 use crate::path::{Kinematics, judge_joints, taught_axis};
 use crate::record::{Finding, Kind};
 use crate::verdict::Reason;
-use crate::words::apart;
 use std::sync::Arc;
 
 /// Largest deviation of the tip from the commanded pose, mm and degrees.
@@ -64,7 +64,7 @@ impl Running<'_> {
             }
             let sent = self.ports.robot.send(move_j(ready));
             self.stood = None;
-            return self.waits_or_fails(id, Act::Move(motion), sent.map(Waits::Ready));
+            return self.waits_or_fails(id, Action::Move(motion), sent.map(Condition::Ready));
         }
         self.by_lines(id, motion)
     }
@@ -74,7 +74,7 @@ impl Running<'_> {
     fn warns(&mut self, id: Id, motion: Motion) -> Result<bool, DaemonError> {
         let Some((number, _)) = self.cell.warning_output.filter(|_| !self.has_warned) else { return Ok(false) };
         let sent = self.ports.robot.send(Command::SetDigout(Signal { number, on: true }));
-        self.waits_or_fails(id, Act::Move(motion), sent.map(|last| Waits::Warned { last, until: None }))?;
+        self.waits_or_fails(id, Action::Move(motion), sent.map(|last| Condition::Warned { last, until: None }))?;
         Ok(true)
     }
 
@@ -91,13 +91,13 @@ impl Running<'_> {
         let is_on = state.done >= last && state.outputs >> bit & 1 == 1;
         if until.is_none_or(|until| now < until) {
             let until = until.or_else(|| is_on.then(|| now + seconds(self.cell.limits.warning_s())));
-            self.wait(id, Act::Move(motion), Waits::Warned { last, until });
+            self.wait(id, Action::Move(motion), Condition::Warned { last, until });
             return Ok(());
         }
         self.has_warned = true;
         match self.ports.robot.send(Command::SetDigout(Signal { number, on: false })) {
             Ok(_) => self.begin_move(id, motion),
-            failed => self.waits_or_fails(id, Act::Move(motion), failed.map(Waits::Ready)),
+            failed => self.waits_or_fails(id, Action::Move(motion), failed.map(Condition::Ready)),
         }
     }
 
@@ -297,10 +297,10 @@ impl Running<'_> {
         if let (Ok(last), Some(end)) = (&sent, end) {
             self.trace = Trace::default();
             let first = CommandId((last.0 + 1).saturating_sub(count));
-            self.sent = Some(Sent { id, motion, first, last: *last, end, told: 0 });
+            self.sent = Some(SentPath { id, motion, first, last: *last, end, told: 0 });
             self.begin_pressing(motion);
         }
-        self.waits_or_fails(id, Act::Move(motion), sent.map(|_| Waits::PathEnd))
+        self.waits_or_fails(id, Action::Move(motion), sent.map(|_| Condition::PathEnd))
     }
 
     /// Handles the report that the commands up to this one are executed.
@@ -309,7 +309,7 @@ impl Running<'_> {
         let waypoints = sent.waypoints(done);
         if waypoints > sent.told && self.pending.as_ref().is_some_and(|pending| pending.id == sent.id) {
             sent.told = waypoints;
-            self.events.push_back(Event::Told(Report::Progress { id: sent.id, done: waypoints }));
+            self.events.push_back(Event::Reported(Report::Progress { id: sent.id, done: waypoints }));
             let sent = *sent;
             self.permit_more(sent, waypoints)?;
         }
@@ -322,21 +322,21 @@ impl Running<'_> {
             self.left_at = sent.waypoints(done).max(sent.told);
         }
         let waypoints = self.left_at;
-        if let Some(Pending { waits: Waits::EpochEnd { done }, .. }) = &mut self.pending {
+        if let Some(PendingAction { waits: Condition::EpochEnd { done }, .. }) = &mut self.pending {
             *done = Some(waypoints);
         }
     }
 
-    pub(super) fn path_end(&mut self, id: Id, act: Act, state: &State) -> Result<(), DaemonError> {
+    pub(super) fn path_end(&mut self, id: Id, act: Action, state: &State) -> Result<(), DaemonError> {
         let Some(sent) = self.sent.filter(|sent| sent.id == id && state.done >= sent.last) else {
-            self.wait(id, act, Waits::PathEnd);
+            self.wait(id, act, Condition::PathEnd);
             return Ok(());
         };
         self.executed(state.done)?;
         let off = self.deviation(sent, state);
         if off.is_empty() {
             self.stood = Some(state.joints);
-            self.answer(id, Answer::Stands { done: sent.motion.waypoints });
+            self.answer(id, Answer::Standstill { done: sent.motion.waypoints });
         } else {
             self.note(Kind::Robot, off)?;
             self.answer(id, Answer::Failed(Trouble::Deviation));
@@ -345,7 +345,7 @@ impl Running<'_> {
     }
 
     /// Returns the deviation of the arm from its commanded end.
-    fn deviation(&self, sent: Sent, state: &State) -> Vec<Reason> {
+    fn deviation(&self, sent: SentPath, state: &State) -> Vec<Reason> {
         let (off_mm, off_deg, allowed_deg) = match sent.end {
             End::Joints(end) => (0.0, state.joints.farthest_deg(&end), AXIS_DEVIATION_DEG),
             End::Tip(end) => {

@@ -19,6 +19,6 @@ pub use port::{Command, Port};
 pub use record::{
     Figure, Keeper, Note, Record, RecordAnswer, RecordCommand, RecordError, RecordPort, StoredPicture,
 };
-pub use requests::{News, RequestAnswer, RequestCommand, RequestPort, Requester};
+pub use requests::{LoopEvent, RequestAnswer, RequestCommand, RequestPort, Requester};
 pub use robot::{LinkedRobot, RobotAnswer, RobotCommand, RobotPort};
 pub use tool::{LinkedTool, ToolAnswer, ToolCommand, ToolPort};

@@ -10,8 +10,8 @@
 //! text, so that a client needs no file that the service can read. This module reads and writes no socket: see
 //! `socket`.
 
-use super::lending::ShotRequest;
-use super::request::{StartRequest, What};
+use super::camera_lease::ShotRequest;
+use super::request::{RequestKind, StartRequest};
 use crate::cycle::Request;
 use serde::{Deserialize, Serialize};
 
@@ -90,7 +90,7 @@ pub enum ProtocolError {
 ///
 /// # Errors
 /// If it is too long, has no end, or is not exactly one allowed object.
-pub fn read_request(line: &[u8]) -> Result<What, ProtocolError> {
+pub fn read_request(line: &[u8]) -> Result<RequestKind, ProtocolError> {
     if line.len() > MAX_BYTES {
         return Err(ProtocolError::TooLong { most: MAX_BYTES });
     }
@@ -98,17 +98,17 @@ pub fn read_request(line: &[u8]) -> Result<What, ProtocolError> {
     let line = serde_json::from_slice(object)
         .map_err(|error| ProtocolError::NotUnderstood { problem: error.to_string() })?;
     Ok(match line {
-        Line::State {} => What::State,
-        Line::Start(start) => What::Start(start),
-        Line::NewDisc {} => What::NewDisc,
-        Line::Shoot { shot } => What::Shoot(shot),
-        Line::Hold {} => What::Table(Request::Hold),
-        Line::Unhold { dried, step } => What::Decided { request: Request::Unhold { dried }, step },
-        Line::Accept { step } => What::Decided { request: Request::Accept, step },
-        Line::Stop {} => What::Table(Request::Stop),
-        Line::Abort {} => What::Table(Request::Abort),
-        Line::Clear { step } => What::Decided { request: Request::Clear, step },
-        Line::Reset {} => What::Table(Request::Reset),
+        Line::State {} => RequestKind::State,
+        Line::Start(start) => RequestKind::Start(start),
+        Line::NewDisc {} => RequestKind::NewDisc,
+        Line::Shoot { shot } => RequestKind::Shoot(shot),
+        Line::Hold {} => RequestKind::Table(Request::Hold),
+        Line::Unhold { dried, step } => RequestKind::Decided { request: Request::Unhold { dried }, step },
+        Line::Accept { step } => RequestKind::Decided { request: Request::Accept, step },
+        Line::Stop {} => RequestKind::Table(Request::Stop),
+        Line::Abort {} => RequestKind::Table(Request::Abort),
+        Line::Clear { step } => RequestKind::Decided { request: Request::Clear, step },
+        Line::Reset {} => RequestKind::Table(Request::Reset),
     })
 }
 
@@ -116,25 +116,27 @@ pub fn read_request(line: &[u8]) -> Result<What, ProtocolError> {
 ///
 /// # Errors
 /// If a client of the socket may not make this request.
-pub fn request_line(what: &What) -> Result<String, ProtocolError> {
+pub fn request_line(what: &RequestKind) -> Result<String, ProtocolError> {
     let line = match what {
-        What::State => Line::State {},
-        What::Start(start) => Line::Start(start.clone()),
-        What::NewDisc => Line::NewDisc {},
-        What::Shoot(shot) => Line::Shoot { shot: *shot },
-        What::Table(Request::Hold) => Line::Hold {},
-        What::Decided { request: Request::Unhold { dried }, step } => Line::Unhold { dried: *dried, step: *step },
-        What::Decided { request: Request::Accept, step } => Line::Accept { step: *step },
-        What::Decided { request: Request::Clear, step } => Line::Clear { step: *step },
-        What::Table(Request::Stop) => Line::Stop {},
-        What::Table(Request::Abort) => Line::Abort {},
-        What::Table(Request::Reset) => Line::Reset {},
-        What::Table(_)
-        | What::Decided { .. }
-        | What::Outdated { .. }
-        | What::Begin(_)
-        | What::Unprepared { .. }
-        | What::Leave => return Err(ProtocolError::NotForClients),
+        RequestKind::State => Line::State {},
+        RequestKind::Start(start) => Line::Start(start.clone()),
+        RequestKind::NewDisc => Line::NewDisc {},
+        RequestKind::Shoot(shot) => Line::Shoot { shot: *shot },
+        RequestKind::Table(Request::Hold) => Line::Hold {},
+        RequestKind::Decided { request: Request::Unhold { dried }, step } => {
+            Line::Unhold { dried: *dried, step: *step }
+        }
+        RequestKind::Decided { request: Request::Accept, step } => Line::Accept { step: *step },
+        RequestKind::Decided { request: Request::Clear, step } => Line::Clear { step: *step },
+        RequestKind::Table(Request::Stop) => Line::Stop {},
+        RequestKind::Table(Request::Abort) => Line::Abort {},
+        RequestKind::Table(Request::Reset) => Line::Reset {},
+        RequestKind::Table(_)
+        | RequestKind::Decided { .. }
+        | RequestKind::Outdated { .. }
+        | RequestKind::Begin(_)
+        | RequestKind::Unprepared { .. }
+        | RequestKind::Leave => return Err(ProtocolError::NotForClients),
     };
     let object = serde_json::to_string(&line)
         .map_err(|error| ProtocolError::NotUnderstood { problem: error.to_string() })?;
@@ -171,16 +173,16 @@ mod tests {
             assert_eq!(request_line(&read), Ok(line));
         }
         let table = |line: &[u8]| match read_request(line) {
-            Ok(What::Table(request)) => request,
+            Ok(RequestKind::Table(request)) => request,
             other => panic!("{other:?}"),
         };
         let wet = read_request(b"{\"ask\":\"unhold\",\"step\":3}\n");
         assert!(
-            matches!(wet, Ok(What::Decided { request: Request::Unhold { dried: false }, step: 3 })),
+            matches!(wet, Ok(RequestKind::Decided { request: Request::Unhold { dried: false }, step: 3 })),
             "wet unless said: {wet:?}"
         );
         assert_eq!(table(b" {\"ask\" : \"hold\"} \r\n"), Request::Hold);
-        assert_eq!(request_line(&What::Leave), Err(ProtocolError::NotForClients));
+        assert_eq!(request_line(&RequestKind::Leave), Err(ProtocolError::NotForClients));
     }
 
     /// Each line, with a word that its error message must contain.

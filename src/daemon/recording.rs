@@ -5,7 +5,7 @@ use crate::cycle::Event;
 use crate::files::{Clip, ClipEntry, write_color_jpeg};
 use crate::geometry::ColorPicture;
 use crate::phase::Phase;
-use crate::record::{Budget, CycleId, KeptFile, Picture, RequestRecord, Wanted};
+use crate::record::{Budget, CycleId, KeptFile, Picture, RequestRecord, RequestedAction};
 use crate::store::{Store, StoreError};
 use crate::verdict::{Reason, Verdict};
 use rayon::prelude::*;
@@ -226,7 +226,7 @@ impl StoreRecord<'_> {
     }
 
     fn asked(&mut self, asked: &RequestRecord) -> Result<(), RecordError> {
-        let line = self.line.take().filter(|_| matches!(asked.wanted, Wanted::For(_)));
+        let line = self.line.take().filter(|_| matches!(asked.wanted, RequestedAction::For(_)));
         let (cycle, findings) = line.map_or((self.cycle, self.pages.findings), |line| (line.cycle, line.findings));
         let asked = RequestRecord { findings: cycle.map(|_| findings), ..asked.clone() };
         self.store.keep_request(&asked, cycle, line.map(|line| line.line)).map_err(failed)

@@ -4,14 +4,14 @@
 //! request and waits for the reply. Signals and scripted runs submit the same type. A request on which the cycle's
 //! table decides contains a [`cycle::Request`].
 
-use super::lending::ShotRequest;
+use super::camera_lease::ShotRequest;
+use super::operator_texts;
 use super::replay::RecordingPlan;
 use super::reply::Reply;
 use super::setup::CycleSetup;
-use super::words;
 use crate::cycle;
 pub use crate::record::PartNames;
-use crate::record::{Front, Who};
+use crate::record::{RequestSource, Who};
 use crate::store::CycleStart;
 use crate::verdict::Reason;
 use serde::{Deserialize, Serialize};
@@ -22,7 +22,7 @@ use tokio::sync::oneshot;
 #[derive(Debug)]
 pub struct Request {
     /// What is requested.
-    pub what: What,
+    pub what: RequestKind,
     /// The person or program that makes the request, and its front.
     pub who: Who,
     /// The channel for the reply; `None` if no client waits for one.
@@ -31,19 +31,19 @@ pub struct Request {
 
 impl Request {
     /// Creates a request for whose reply no client waits.
-    pub fn new(what: What, who: Who) -> Self {
+    pub fn new(what: RequestKind, who: Who) -> Self {
         Request { what, who, reply: None }
     }
 
     /// Creates the request of a SIGTERM or SIGINT. The first signal stops the cell, the second one aborts; the
     /// service ends once the cell is at rest.
     pub fn signal() -> Self {
-        Request::new(What::Leave, Who::by(Front::Signal))
+        Request::new(RequestKind::Leave, Who::by(RequestSource::Signal))
     }
 }
 
 /// What is requested.
-pub enum What {
+pub enum RequestKind {
     /// To report the present state. This is answered at once.
     State,
     /// To start a cycle, as a front requests it. The loop receives it as `Begin` or `Unprepared`.
@@ -81,42 +81,42 @@ pub enum What {
     Leave,
 }
 
-impl std::fmt::Debug for What {
+impl std::fmt::Debug for RequestKind {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(&self.words())
     }
 }
 
-impl What {
+impl RequestKind {
     /// Returns the request as text for the log.
     pub(super) fn words(&self) -> String {
         match self {
-            What::State => "state".to_owned(),
-            What::Table(request) | What::Decided { request, .. } | What::Outdated { request, .. } => {
-                words::command(*request).to_owned()
-            }
-            What::NewDisc => "new-disc".to_owned(),
-            What::Begin(prepared) => format!("start of panel {}", prepared.setup.panel_name()),
-            What::Start(StartRequest { recipe, .. }) | What::Unprepared { recipe, .. } => {
+            RequestKind::State => "state".to_owned(),
+            RequestKind::Table(request)
+            | RequestKind::Decided { request, .. }
+            | RequestKind::Outdated { request, .. } => operator_texts::command(*request).to_owned(),
+            RequestKind::NewDisc => "new-disc".to_owned(),
+            RequestKind::Begin(prepared) => format!("start of panel {}", prepared.setup.panel_name()),
+            RequestKind::Start(StartRequest { recipe, .. }) | RequestKind::Unprepared { recipe, .. } => {
                 format!("start by {recipe}")
             }
-            What::Shoot(shot) => shot.word().to_owned(),
-            What::Leave => "leave".to_owned(),
+            RequestKind::Shoot(shot) => shot.word().to_owned(),
+            RequestKind::Leave => "leave".to_owned(),
         }
     }
 
     /// Returns the request to the table, if it contains one.
     pub(super) fn of_table(&self) -> Option<cycle::Request> {
         match self {
-            What::Table(request) => Some(*request),
-            What::Begin(prepared) => Some(prepared.request),
+            RequestKind::Table(request) => Some(*request),
+            RequestKind::Begin(prepared) => Some(prepared.request),
             _ => None,
         }
     }
 
     /// Whether the request must reach the loop before all other waiting requests.
     pub(super) fn is_urgent(&self) -> bool {
-        matches!(self, What::Leave | What::Table(cycle::Request::Stop | cycle::Request::Abort))
+        matches!(self, RequestKind::Leave | RequestKind::Table(cycle::Request::Stop | cycle::Request::Abort))
     }
 }
 

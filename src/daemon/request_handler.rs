@@ -5,17 +5,17 @@
 //! to systemd (`WATCHDOG=1`) proves that all of them work. SIGTERM or SIGINT stops the cell, a second one aborts;
 //! the service ends from Stopped or Aborted only.
 
-use super::lending::SharedCameras;
-use super::ports::{News, Requester};
+use super::camera_lease::SharedCameras;
+use super::operator_texts;
+use super::ports::{LoopEvent, Requester};
 use super::replay::{Recording, RecordingSwitch};
 use super::reply::{Exit, Extras, Reply};
-use super::request::{Request, What};
+use super::request::{Request, RequestKind};
 use super::request_queue::RequestQueue;
-use super::words;
 use super::written_page::LastWrittenPage;
 use crate::cycle::{self, At, Path as PathKind, Phase, Refusal, State};
 use crate::panel::GridId;
-use crate::record::{CycleId, Front, Who};
+use crate::record::{CycleId, RequestSource, Who};
 use crate::supervision::{Supervised, Supervisor, ThreadFault, supervised};
 use crate::verdict::{Reason, Verdict};
 use sd_notify::NotifyState;
@@ -192,7 +192,7 @@ impl RequestHandler {
             let (_, effects) = cycle::step(*state, cycle::Event::Asked(*request));
             !effects.iter().any(|effect| matches!(effect, cycle::Effect::Refuse { .. }))
         };
-        let mut possible: Vec<_> = asked.into_iter().filter(is_taken).map(words::request_word).collect();
+        let mut possible: Vec<_> = asked.into_iter().filter(is_taken).map(operator_texts::request_word).collect();
         possible.extend(state.at.rests().then_some("new-disc"));
         let is_review = matches!(state.at, At::Held(hold) if hold.why == cycle::Why::Review);
         let (grids, film_total_s) = (self.grids.clone(), self.film_total_s);
@@ -201,7 +201,7 @@ impl RequestHandler {
 
     /// Returns why the cell is in this state, and the problems found last.
     fn reasons(&self, state: &State) -> Vec<Reason> {
-        words::why(state).into_iter().chain(self.noted.iter().cloned()).collect()
+        operator_texts::why(state).into_iter().chain(self.noted.iter().cloned()).collect()
     }
 
     fn answer(&mut self, answer: Exit, reasons: Vec<Reason>, state: &State) {
@@ -227,8 +227,8 @@ impl RequestHandler {
     fn publish_status(&mut self, state: &State) {
         if self.told != Some(state.at) {
             let status = match self.cycle {
-                Some(cycle) => format!("{}; cycle {cycle}, epoch {}", words::place(state.at), state.epoch),
-                None => words::place(state.at),
+                Some(cycle) => format!("{}; cycle {cycle}, epoch {}", operator_texts::place(state.at), state.epoch),
+                None => operator_texts::place(state.at),
             };
             let first = self.told.replace(state.at).is_none();
             let ready = first.then_some(NotifyState::Ready);
@@ -244,12 +244,12 @@ impl RequestHandler {
     }
 
     /// Passes a decision to the table if the step on which the decision is based is the present one.
-    fn decided(&self, request: cycle::Request, step: u64, state: &State) -> What {
+    fn decided(&self, request: cycle::Request, step: u64, state: &State) -> RequestKind {
         if step == state.step {
-            return What::Table(request);
+            return RequestKind::Table(request);
         }
         let was = self.steps.iter().find(|(known, _)| *known == step).map(|(_, shown)| shown.as_str());
-        What::Outdated { request, reasons: vec![words::outdated(request, (step, was), state)] }
+        RequestKind::Outdated { request, reasons: vec![operator_texts::outdated(request, (step, was), state)] }
     }
 
     /// Remembers the state shown at each step, so that a decision based on an earlier step is refused with the
@@ -261,23 +261,23 @@ impl RequestHandler {
         if self.steps.len() == MAX_STEPS {
             self.steps.pop_front();
         }
-        self.steps.push_back((state.step, words::shown(state)));
+        self.steps.push_back((state.step, operator_texts::shown(state)));
     }
 
     /// Hands over a request on which the loop is to act.
     fn hand_over(&mut self, mut request: Request) -> Request {
         self.waiting = request.reply.take();
-        self.waits_for_reset = matches!(request.what, What::Table(cycle::Request::Reset));
+        self.waits_for_reset = matches!(request.what, RequestKind::Table(cycle::Request::Reset));
         // If the request is refused, these notes are restored.
         self.set_aside = self.noted.clone();
         match &request.what {
-            What::Table(asked) => {
+            RequestKind::Table(asked) => {
                 use cycle::Request::{Accept, Clear, Reset, Unhold};
                 if matches!(asked, Reset | Clear | Unhold { .. } | Accept) {
                     self.noted.clear();
                 }
             }
-            What::Begin(prepared) => {
+            RequestKind::Begin(prepared) => {
                 let setup = &prepared.setup;
                 // The table may refuse the start while another cycle runs.
                 self.ordered = Some(Ordered {
@@ -286,7 +286,7 @@ impl RequestHandler {
                     film_total_s: setup.demands().filmed_s(),
                 });
             }
-            What::Outdated { reasons, .. } => {
+            RequestKind::Outdated { reasons, .. } => {
                 let (reasons, state) = (reasons.clone(), self.state);
                 tracing::warn!("refused: {}", reasons[0].message);
                 self.answer(Exit::Refused, reasons, &state);
@@ -310,7 +310,7 @@ impl RequestHandler {
         }
         self.obeyed = wanted;
         let request = if wanted == 1 { cycle::Request::Stop } else { cycle::Request::Abort };
-        Some(Request::new(What::Table(request), Who::by(Front::Signal)))
+        Some(Request::new(RequestKind::Table(request), Who::by(RequestSource::Signal)))
     }
 
     fn signal(&mut self) {
@@ -348,16 +348,16 @@ impl RequestHandler {
         for _ in 0..MAX_STATE_REQUESTS {
             let Some(request) = self.queue.next(patience) else { break };
             match request.what {
-                What::State => {
+                RequestKind::State => {
                     self.waiting = request.reply;
                     self.answer(Exit::Done, self.reasons(state), state);
                     patience = Duration::ZERO;
                 }
-                What::Leave => {
+                RequestKind::Leave => {
                     self.signal();
                     break;
                 }
-                What::Decided { request: asked, step } => {
+                RequestKind::Decided { request: asked, step } => {
                     let what = self.decided(asked, step, state);
                     return Ok(Some(self.hand_over(Request { what, ..request })));
                 }
@@ -374,7 +374,7 @@ impl Requester for RequestHandler {
             cameras.cell_is(state);
         }
         let request = self.requested(state)?;
-        if let (Some(cameras), Some(What::Table(_) | What::Begin(_))) =
+        if let (Some(cameras), Some(RequestKind::Table(_) | RequestKind::Begin(_))) =
             (&self.parts.cameras, request.as_ref().map(|request| &request.what))
         {
             cameras.are_needed();
@@ -382,19 +382,19 @@ impl Requester for RequestHandler {
         Ok(request)
     }
 
-    fn on_news(&mut self, news: News) {
+    fn on_news(&mut self, news: LoopEvent) {
         match news {
-            News::Refused(request, refusal) => self.refused(request, refusal),
-            News::Unable(reasons) => {
+            LoopEvent::Refused(request, refusal) => self.refused(request, refusal),
+            LoopEvent::Unable(reasons) => {
                 let state = self.state;
                 self.answer(Exit::Fault, reasons, &state);
             }
-            News::NotPermitted(reasons) => {
+            LoopEvent::NotPermitted(reasons) => {
                 let state = self.state;
                 self.noted = std::mem::take(&mut self.set_aside);
                 self.answer(Exit::Refused, reasons, &state);
             }
-            News::Begun(cycle, _) => {
+            LoopEvent::Begun(cycle, _) => {
                 self.noted.clear();
                 (self.cycle, self.verdict) = (Some(cycle), None);
                 (self.panel, self.film_s) = (None, None);
@@ -402,15 +402,15 @@ impl Requester for RequestHandler {
                     (self.panel, self.grids, self.film_total_s) = (Some(panel), grids, Some(film_total_s));
                 }
             }
-            News::Filmed(seconds) => self.film_s = Some(seconds),
-            News::DiscMounted => {
+            LoopEvent::Filmed(seconds) => self.film_s = Some(seconds),
+            LoopEvent::DiscMounted => {
                 self.done = Some("a new disc is mounted: its wear is counted from zero".to_owned())
             }
-            News::Concluded(verdict) => {
+            LoopEvent::Concluded(verdict) => {
                 self.verdict = Some(verdict);
                 self.ended = self.cycle;
             }
-            News::Noted(reasons) => self.noted = reasons,
+            LoopEvent::Noted(reasons) => self.noted = reasons,
         }
     }
 }
@@ -418,7 +418,7 @@ impl Requester for RequestHandler {
 impl RequestHandler {
     fn refused(&mut self, request: cycle::Request, refusal: Refusal) {
         let state = self.state;
-        let reason = words::refusal(request, refusal, &state);
+        let reason = operator_texts::refusal(request, refusal, &state);
         tracing::warn!("refused: {}", reason.message);
         let exit = match refusal {
             Refusal::NotNow | Refusal::Review | Refusal::Undried => Exit::Refused,

@@ -1,10 +1,10 @@
 //! Requests on the record: the request, its author, and its result.
 
-use super::ports::{News, RecordCommand, RobotPort};
+use super::ports::{LoopEvent, RecordCommand, RobotPort};
 use super::running::Running;
-use super::{DaemonError, words};
+use super::{DaemonError, operator_texts};
 use crate::cycle::{Event, Refusal, Request};
-use crate::record::{Answer, Clock, Front, RequestRecord, Wanted, Who};
+use crate::record::{Answer, Clock, RequestRecord, RequestSource, RequestedAction, Who};
 use crate::verdict::Reason;
 
 impl Running<'_> {
@@ -19,28 +19,29 @@ impl Running<'_> {
             Refusal::NotNow | Refusal::Review | Refusal::Undried => Answer::Refused,
             Refusal::Robot(_) | Refusal::Failed(_) => Answer::Failed,
         };
-        let why = |request, refusal| (answer(refusal), vec![words::refusal(request, refusal, &self.state)]);
+        let why =
+            |request, refusal| (answer(refusal), vec![operator_texts::refusal(request, refusal, &self.state)]);
         match (event, refused) {
             (Event::Asked(request), None) => {
                 let remarks = std::mem::take(&mut self.remarks);
-                self.keep_asked(Wanted::For(request), self.requester.clone(), (Answer::Done, remarks))
+                self.keep_asked(RequestedAction::For(request), self.requester.clone(), (Answer::Done, remarks))
             }
             (Event::Asked(request), Some((_, refusal))) => {
                 let came = why(request, refusal);
-                self.keep_asked(Wanted::For(request), self.requester.clone(), came)
+                self.keep_asked(RequestedAction::For(request), self.requester.clone(), came)
             }
-            (Event::Told(_), Some((request, refusal))) => {
+            (Event::Reported(_), Some((request, refusal))) => {
                 let came = why(request, refusal);
-                self.keep_asked(Wanted::For(request), Who::by(Front::Program), came)
+                self.keep_asked(RequestedAction::For(request), Who::by(RequestSource::Program), came)
             }
-            (Event::Told(_), None) => Ok(()),
+            (Event::Reported(_), None) => Ok(()),
         }
     }
 
     /// Records one request with its answer.
     pub(super) fn keep_asked(
         &mut self,
-        wanted: Wanted,
+        wanted: RequestedAction,
         who: Who,
         (answer, reasons): (Answer, Vec<Reason>),
     ) -> Result<(), DaemonError> {
@@ -53,13 +54,13 @@ impl Running<'_> {
     pub(super) fn new_disc(&mut self) -> Result<(), DaemonError> {
         if self.state.at.rests() {
             self.ports.record.keep(RecordCommand::MountDisc)?;
-            self.ports.requests.publish(News::DiscMounted);
-            return self.keep_asked(Wanted::NewDisc, self.requester.clone(), (Answer::Done, vec![]));
+            self.ports.requests.publish(LoopEvent::DiscMounted);
+            return self.keep_asked(RequestedAction::NewDisc, self.requester.clone(), (Answer::Done, vec![]));
         }
         let message = "a disc can be changed only while the cell is at rest: held, idle or stopped";
         let reasons = vec![Reason::new("not_now", message)];
-        self.ports.requests.publish(News::Unable(reasons.clone()));
-        self.keep_asked(Wanted::NewDisc, self.requester.clone(), (Answer::Refused, reasons))
+        self.ports.requests.publish(LoopEvent::Unable(reasons.clone()));
+        self.keep_asked(RequestedAction::NewDisc, self.requester.clone(), (Answer::Refused, reasons))
     }
 
     /// Records the clock's time: when a cycle begins, and when it is concluded.

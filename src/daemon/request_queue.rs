@@ -9,7 +9,7 @@
 //! that belongs to a stop.
 
 use super::reply::Reply;
-use super::request::{Request, What};
+use super::request::{Request, RequestKind};
 use crate::devices::robot::StopLine;
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
@@ -55,7 +55,7 @@ impl Inside {
     /// are counted.
     fn put_urgent(&mut self, request: Request) {
         let is_same = |(waiting, _): &&mut (Request, Followers)| match (&waiting.what, &request.what) {
-            (What::Table(one), What::Table(other)) => one == other && waiting.who == request.who,
+            (RequestKind::Table(one), RequestKind::Table(other)) => one == other && waiting.who == request.who,
             _ => false,
         };
         match self.urgent.iter_mut().find(is_same) {
@@ -77,7 +77,7 @@ impl Inside {
             if !request.reply.as_ref().is_some_and(oneshot::Sender::is_closed) {
                 return Some(request);
             }
-            if !matches!(request.what, What::State) {
+            if !matches!(request.what, RequestKind::State) {
                 tracing::warn!("not done: {}; the caller was answered that it failed", request.what.words());
             }
         }
@@ -197,7 +197,7 @@ mod tests {
     use crate::devices::mock::{ChannelFile, Clock, Controller, MockServer, Ports, Setup, Unwired};
     use crate::devices::robot::{Address, BlockingLink};
     use crate::eki::{CELLCMD, CELLSTAT, Epoch, LinkLimits, Pace, Report};
-    use crate::record::{Front, Who};
+    use crate::record::{RequestSource, Who};
 
     /// Returns a controller that runs by the wall clock, and the link to it.
     fn linked() -> (MockServer, BlockingLink) {
@@ -225,7 +225,9 @@ mod tests {
         for (request, stops) in [(Hold, false), (Stop, true), (Abort, true)] {
             let epoch = link.open_epoch_above(Epoch(0)).expect("it rests");
             assert!(receives(&mut link, |report| *report == Report::EpochOpened { epoch }));
-            sender.send(Request::new(What::Table(request), Who::by(Front::Socket))).expect("a place");
+            sender
+                .send(Request::new(RequestKind::Table(request), Who::by(RequestSource::Socket)))
+                .expect("a place");
             let stands = |report: &Report| matches!(report, Report::Standstill { .. });
             assert_eq!(
                 (0..5).any(|_| link.next(Duration::from_secs(1)).is_some_and(|report| stands(&report))),
@@ -244,8 +246,8 @@ mod tests {
         let (sender, queue) = request_queue();
         let press = |request| {
             let (reply, answer) = oneshot::channel();
-            let who = Who { front: Front::Socket, uid: Some(7), user: None };
-            sender.send(Request { what: What::Table(request), who, reply: Some(reply) }).expect("a place");
+            let who = Who { front: RequestSource::Socket, uid: Some(7), user: None };
+            sender.send(Request { what: RequestKind::Table(request), who, reply: Some(reply) }).expect("a place");
             answer
         };
         let (mut answers, other) = ([press(Stop), press(Stop), press(Stop)], press(Abort));
@@ -256,7 +258,7 @@ mod tests {
         assert_eq!(followers.len(), 2);
         followers.into_iter().for_each(|follower| follower.send(reply()).expect("heard"));
         assert!(answers.iter_mut().all(|answer| answer.try_recv().is_ok()));
-        assert!(matches!(queue.next(Duration::ZERO).map(|request| request.what), Some(What::Table(Abort))));
+        assert!(matches!(queue.next(Duration::ZERO).map(|request| request.what), Some(RequestKind::Table(Abort))));
         assert!(queue.followers().is_empty() && queue.next(Duration::ZERO).is_none());
         drop(other);
     }
@@ -264,10 +266,10 @@ mod tests {
     #[test]
     fn what_nobody_waits_for_any_more_is_not_done_but_a_stop_is() {
         let (sender, queue) = request_queue();
-        let who = || Who { front: Front::Socket, uid: Some(7), user: None };
+        let who = || Who { front: RequestSource::Socket, uid: Some(7), user: None };
         for request in [cycle::Request::Reset, Stop, cycle::Request::Clear, Hold] {
             let (reply, answer) = oneshot::channel();
-            let what = What::Table(request);
+            let what = RequestKind::Table(request);
             sender.send(Request { what, who: who(), reply: Some(reply) }).expect("a place");
             if request == Hold {
                 // The client of this request still waits for its answer.
@@ -282,11 +284,11 @@ mod tests {
     fn what_stops_goes_first_and_always_finds_a_place() {
         let (sender, queue) = request_queue();
         let send = |uid, request| {
-            let who = Who { front: Front::Socket, uid: Some(uid), user: None };
-            sender.send(Request::new(What::Table(request), who))
+            let who = Who { front: RequestSource::Socket, uid: Some(uid), user: None };
+            sender.send(Request::new(RequestKind::Table(request), who))
         };
         let next = || match queue.next(Duration::ZERO) {
-            Some(Request { what: What::Table(request), .. }) => Some(request),
+            Some(Request { what: RequestKind::Table(request), .. }) => Some(request),
             _ => None,
         };
         for _ in 0..MAX_QUEUED_PER_USER {

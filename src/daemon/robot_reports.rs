@@ -3,19 +3,19 @@
 use super::answers::reason;
 use super::error::DaemonError;
 use super::feedbacks::{Contrary, contrary_reason, unproven_reason};
-use super::pending::{Pending, Waits};
-use super::ports::News;
+use super::path_progress::SentPath;
+use super::pending_action::{Condition, PendingAction};
+use super::ports::LoopEvent;
 use super::running::Running;
-use super::sent::Sent;
-use crate::cycle::{self, Act, Answer, At, Deadline, Event, Id, Path, Report, Trouble};
+use crate::cycle::{self, Action, Answer, At, Deadline, Event, Id, Path, Report, Trouble};
 use crate::eki::{self, CONTACT_OVERRIDE_PERCENT, Mode, Refusal, StopCause};
 use crate::geometry::{Panel, Rigid, Tool};
+use crate::number_text::apart;
 use crate::path::routes::waypoints;
 use crate::path::trace::{PoseReport, off_path_mm};
 use crate::record::Kind;
 use crate::stages::abrade::off_limit_mm;
 use crate::verdict::Reason;
-use crate::words::apart;
 
 /// A deviation above this multiple of the review limit ends a path in contact at once.
 const FAR_OFF_LIMITS: f64 = 4.0;
@@ -37,10 +37,10 @@ impl Running<'_> {
                 self.note(Kind::Robot, vec![reason("link_lost", &why)])?;
             }
             R::EpochOpened { epoch } => {
-                self.answer_if(|act| matches!(act, Act::OpenEpoch { .. }), Answer::Epoch(epoch.0))
+                self.answer_if(|act| matches!(act, Action::OpenEpoch { .. }), Answer::Epoch(epoch.0))
             }
             R::EpochNotOpened { .. } => {
-                self.answer_if(|act| matches!(act, Act::OpenEpoch { .. }), Answer::Failed(Trouble::Protocol));
+                self.answer_if(|act| matches!(act, Action::OpenEpoch { .. }), Answer::Failed(Trouble::Protocol));
             }
             R::Progress { done } => self.executed(done)?,
             // The state reports that the robot is at rest there.
@@ -59,7 +59,7 @@ impl Running<'_> {
                 self.epoch_over(Trouble::Override, reason("interrupted", &cause))?;
             }
             // The cause is reported as a condition of the robot.
-            R::Interrupted { .. } => self.events.push_back(Event::Told(Report::EpochOver { trouble: None })),
+            R::Interrupted { .. } => self.events.push_back(Event::Reported(Report::EpochOver { trouble: None })),
             R::Slow { id, contact, waited } => {
                 let waited_s = waited.as_secs_f64();
                 let words = format!(
@@ -70,8 +70,8 @@ impl Running<'_> {
                     self.epoch_over(Trouble::Slow, Reason::new("slow", words))?;
                 } else {
                     tracing::warn!("{words}");
-                    self.ports.requests.publish(News::Noted(vec![Reason::new("slow", words)]));
-                    self.events.push_back(Event::Told(Report::Trouble(Trouble::Slow)));
+                    self.ports.requests.publish(LoopEvent::Noted(vec![Reason::new("slow", words)]));
+                    self.events.push_back(Event::Reported(Report::Trouble(Trouble::Slow)));
                 }
             }
             R::SequenceError(error) => self.epoch_over(Trouble::Sequence, reason("sequence", &error))?,
@@ -89,14 +89,14 @@ impl Running<'_> {
         self.becomes(condition(state, self.cell.programs_sum));
         let is_full = state.override_percent == CONTACT_OVERRIDE_PERCENT;
         if self.full_override.replace(is_full) != Some(is_full) {
-            self.events.push_back(Event::Told(Report::FullOverride(is_full)));
+            self.events.push_back(Event::Reported(Report::FullOverride(is_full)));
         }
         self.watch_outputs(state)?;
         let facts = &self.state.facts;
         // While the cell works, the acts themselves prove that the outputs are off.
         let asks = self.state.at.rests() && (facts.tool_may_run || facts.water_may_run);
         if asks && self.cell.wiring.tool_is_off(state) && self.cell.wiring.water_is_off(state) {
-            self.events.push_back(Event::Told(Report::OutputsOff));
+            self.events.push_back(Event::Reported(Report::OutputsOff));
         }
         self.look(state)
     }
@@ -114,7 +114,7 @@ impl Running<'_> {
         } else {
             self.note(Kind::Robot, vec![why])?;
         }
-        self.events.push_back(Event::Told(Report::Contrary(switch)));
+        self.events.push_back(Event::Reported(Report::Contrary(switch)));
         Ok(())
     }
 
@@ -122,7 +122,7 @@ impl Running<'_> {
     pub(super) fn name_unproven(&mut self, over: Report) -> Result<(), DaemonError> {
         let Report::Deadline { id: over, which: Deadline::Answer } = over else { return Ok(()) };
         let switch = self.pending.as_ref().filter(|pending| pending.id == over).map(|pending| pending.act);
-        let (Some(Act::Switch(switch)), Some(state)) = (switch, self.robot_state) else { return Ok(()) };
+        let (Some(Action::Switch(switch)), Some(state)) = (switch, self.robot_state) else { return Ok(()) };
         match unproven_reason(switch, &self.cell.wiring, &state) {
             Some(why) => Ok(self.note(Kind::Robot, vec![why])?),
             None => Ok(()),
@@ -132,11 +132,11 @@ impl Running<'_> {
     fn becomes(&mut self, condition: cycle::Robot) {
         if condition != self.condition {
             self.condition = condition;
-            self.events.push_back(Event::Told(Report::Robot(condition)));
+            self.events.push_back(Event::Reported(Report::Robot(condition)));
         }
     }
 
-    fn answer_if(&mut self, fits: impl Fn(Act) -> bool, answer: Answer) {
+    fn answer_if(&mut self, fits: impl Fn(Action) -> bool, answer: Answer) {
         let id: Option<Id> = self.pending.as_ref().filter(|pending| fits(pending.act)).map(|pending| pending.id);
         if let Some(id) = id {
             self.answer(id, answer);
@@ -146,15 +146,15 @@ impl Running<'_> {
     /// Records the reason for which the link ended the epoch, and reports the end to the table.
     fn epoch_over(&mut self, trouble: Trouble, words: Reason) -> Result<(), DaemonError> {
         self.note(Kind::Robot, vec![words])?;
-        self.events.push_back(Event::Told(Report::EpochOver { trouble: Some(trouble) }));
+        self.events.push_back(Event::Reported(Report::EpochOver { trouble: Some(trouble) }));
         Ok(())
     }
 
     /// Records the measured position of the tool on a contact path, and leaves the path if the position is far from
     /// the plan.
     fn follow(&mut self, state: &eki::State) -> Result<(), DaemonError> {
-        let contact = |pending: &Pending| match (pending.act, &pending.waits) {
-            (Act::Move(motion), Waits::PathEnd) => motion.path == Path::Contact,
+        let contact = |pending: &PendingAction| match (pending.act, &pending.waits) {
+            (Action::Move(motion), Condition::PathEnd) => motion.path == Path::Contact,
             _ => false,
         };
         let Some(sent) = self.sent.filter(|_| self.pending.as_ref().is_some_and(contact)) else { return Ok(()) };
@@ -167,13 +167,13 @@ impl Running<'_> {
              the arm; the path is left"
         );
         self.note(Kind::Robot, vec![Reason::new("deviation", message)])?;
-        self.events.push_back(Event::Told(Report::Trouble(Trouble::Deviation)));
+        self.events.push_back(Event::Reported(Report::Trouble(Trouble::Deviation)));
         Ok(())
     }
 
     /// Returns the measured distance of the tip from the planned path, and its limit, mm, if the distance is
     /// larger. Smaller excesses are left to the grade of the whole path.
-    fn far_off_path(&self, sent: Sent, done: u32, state: &eki::State) -> Option<(f64, f64)> {
+    fn far_off_path(&self, sent: SentPath, done: u32, state: &eki::State) -> Option<(f64, f64)> {
         let cycle = self.setup()?;
         let allowed_mm = FAR_OFF_LIMITS * off_limit_mm(cycle.recipe.path());
         let tip: Rigid<Panel, Tool> = state.base_from_tcp.to_rigid();

@@ -3,23 +3,23 @@
 use super::abrasion::Abrasion;
 use super::answers::reason;
 use super::computing::Computing;
-use super::corrected::Corrected;
+use super::corrected::CalibratedRobot;
 use super::deadlines::seconds;
 use super::error::DaemonError;
-use super::pending::Waits;
+use super::operator_texts;
+use super::pending_action::Condition;
 use super::perception::Perception;
-use super::ports::{News, RecordCommand, RecordPort, RequestPort, RobotPort, ToolPort};
-use super::pressing::Pressing;
-use super::request::{PreparedCycle, Request, What};
+use super::ports::{LoopEvent, RecordCommand, RecordPort, RequestPort, RobotPort, ToolPort};
+use super::request::{PreparedCycle, Request, RequestKind};
 use super::running::{Outside, Running};
 use super::setup::{CellSetup, CycleSetup};
-use super::words;
-use crate::cycle::{self, Act, At, Deadline, Effect, Event, Refusal, Report, State, Trouble, step};
+use super::tool_state::PressState;
+use crate::cycle::{self, Action, At, Deadline, Effect, Event, Refusal, Report, State, Trouble, step};
 use crate::geometry::{Base, KukaPose, Panel, Rigid};
 use crate::inspect::Inspection;
 use crate::panel::GridId;
 use crate::path::trace::Trace;
-use crate::record::{Answer, Kind, Wanted};
+use crate::record::{Answer, Kind, RequestedAction};
 use crate::tape::Begin;
 use crate::verdict::{Reason, Verdict};
 use std::sync::Arc;
@@ -80,7 +80,7 @@ pub struct LoopOutcome {
 pub fn run(start: LoopStart, ports: Ports<'_>) -> Result<LoopOutcome, DaemonError> {
     let LoopStart { cell, cycle, state, before } = start;
     let Ports { robot, tool, record, requests, computing, lock_step } = ports;
-    let mut robot = Corrected::new(robot, &cell.arm);
+    let mut robot = CalibratedRobot::new(robot, &cell.arm);
     if let Begin::Cycle { robot: Some(state), .. } = &before {
         robot.stands_at(state.joints);
     }
@@ -126,18 +126,18 @@ impl Running<'_> {
     /// Processes one event: writes the journal, calculates the step and performs its effects.
     pub(super) fn on_event(&mut self, event: Event) -> Result<(), DaemonError> {
         if let Some((request, refusal)) = self.refused_just_now(event) {
-            self.ports.requests.publish(News::Refused(request, refusal));
+            self.ports.requests.publish(LoopEvent::Refused(request, refusal));
             return Ok(());
         }
         self.ports.record.keep(RecordCommand::Event(event))?;
         tracing::debug!(?event);
-        if let Event::Told(Report::Answered { id, .. }) = event {
+        if let Event::Reported(Report::Answered { id, .. }) = event {
             self.deadlines.disarm(id);
         }
         let (before, (state, effects)) = (self.state, step(self.state, event));
         self.has_warned &= !before.at.rests();
         if state.at != before.at {
-            tracing::info!("{}", words::place(state.at));
+            tracing::info!("{}", operator_texts::place(state.at));
         }
         self.state = state;
         let refused = effects.iter().find_map(|effect| match effect {
@@ -158,9 +158,9 @@ impl Running<'_> {
         effects.into_iter().try_for_each(|effect| self.perform(event, effect))?;
         self.keep_request(event, refused)?;
         if ends && event == Event::Asked(cycle::Request::Stop) {
-            let stopped = words::stopped();
+            let stopped = operator_texts::stopped();
             tracing::info!("{}", stopped.message);
-            self.ports.requests.publish(News::Noted(vec![stopped]));
+            self.ports.requests.publish(LoopEvent::Noted(vec![stopped]));
         }
         if self.state.at.rests() && !self.state.job.running && !self.is_single {
             self.perception.forget_pictures();
@@ -204,11 +204,11 @@ impl Running<'_> {
                 if matches!(self.state.at, At::Completing { .. } | At::Complete { .. }) {
                     // A full disk has no consequence for a cycle that has its result.
                     tracing::warn!("{}", why.message);
-                    self.ports.requests.publish(News::Noted(vec![why]));
+                    self.ports.requests.publish(LoopEvent::Noted(vec![why]));
                 } else {
                     self.note(Kind::SelfTest, vec![why])?;
                 }
-                return Ok(Some(Event::Told(Report::Trouble(Trouble::DiskFull))));
+                return Ok(Some(Event::Reported(Report::Trouble(Trouble::DiskFull))));
             }
             // After each request, the deadlines, the tool and the robot are processed first, however many requests
             // wait.
@@ -226,9 +226,10 @@ impl Running<'_> {
             let now = self.ports.robot.now();
             if let Some(report) = self.deadlines.over(now) {
                 self.name_unproven(report)?;
-                return Ok(Some(Event::Told(report)));
+                return Ok(Some(Event::Reported(report)));
             }
-            let computes = self.pending.as_ref().is_some_and(|pending| matches!(pending.waits, Waits::Computing));
+            let computes =
+                self.pending.as_ref().is_some_and(|pending| matches!(pending.waits, Condition::Computing));
             if computes && self.lock_step {
                 // Time does not pass here, so that the speed of the computer cannot matter.
                 self.comes_in(COMPUTATION_POLL_TIMEOUT)?;
@@ -249,33 +250,33 @@ impl Running<'_> {
         if let Some(request) = what.of_table()
             && let Some(why) = self.control.refusal(request, self.requester.front, self.robot_state.as_ref())
         {
-            self.ports.requests.publish(News::NotPermitted(vec![why.clone()]));
-            self.keep_asked(Wanted::For(request), self.requester.clone(), (Answer::Refused, vec![why]))?;
+            self.ports.requests.publish(LoopEvent::NotPermitted(vec![why.clone()]));
+            self.keep_asked(RequestedAction::For(request), self.requester.clone(), (Answer::Refused, vec![why]))?;
             return Ok(RequestOutcome::Done);
         }
         match what {
-            What::Leave => return Ok(RequestOutcome::Leave),
-            What::Table(request @ (cycle::Request::Unhold { .. } | cycle::Request::Accept))
+            RequestKind::Leave => return Ok(RequestOutcome::Leave),
+            RequestKind::Table(request @ (cycle::Request::Unhold { .. } | cycle::Request::Accept))
                 if self.lacks_room() =>
             {
                 let reasons = self.ports.record.check();
-                self.keep_asked(Wanted::For(request), self.requester.clone(), (Answer::Failed, reasons))?;
+                self.keep_asked(RequestedAction::For(request), self.requester.clone(), (Answer::Failed, reasons))?;
             }
-            What::Table(request) => return Ok(RequestOutcome::Happens(Event::Asked(request))),
-            What::Begin(prepared) => {
+            RequestKind::Table(request) => return Ok(RequestOutcome::Happens(Event::Asked(request))),
+            RequestKind::Begin(prepared) => {
                 let event = self.begin_cycle(*prepared);
                 self.events.extend(event);
             }
-            What::NewDisc => self.new_disc()?,
-            What::Unprepared { recipe, reasons } => {
-                let wanted = Wanted::Start { recipe };
+            RequestKind::NewDisc => self.new_disc()?,
+            RequestKind::Unprepared { recipe, reasons } => {
+                let wanted = RequestedAction::Start { recipe };
                 self.keep_asked(wanted, self.requester.clone(), (Answer::Refused, reasons))?;
             }
-            What::Outdated { request, reasons } => {
-                self.keep_asked(Wanted::For(request), self.requester.clone(), (Answer::Refused, reasons))?;
+            RequestKind::Outdated { request, reasons } => {
+                self.keep_asked(RequestedAction::For(request), self.requester.clone(), (Answer::Refused, reasons))?;
             }
             // The gateway and the request handler answer these.
-            What::Decided { .. } | What::State | What::Start(_) | What::Shoot(_) => {}
+            RequestKind::Decided { .. } | RequestKind::State | RequestKind::Start(_) | RequestKind::Shoot(_) => {}
         }
         Ok(RequestOutcome::Done)
     }
@@ -285,7 +286,7 @@ impl Running<'_> {
         let wrong = if self.is_disk_full { self.ports.record.check() } else { vec![] };
         self.is_disk_full = !wrong.is_empty();
         if self.is_disk_full {
-            self.ports.requests.publish(News::Unable(wrong));
+            self.ports.requests.publish(LoopEvent::Unable(wrong));
         }
         self.is_disk_full
     }
@@ -315,10 +316,10 @@ impl Running<'_> {
                 let (robot, armed) = (self.robot_state.map(Box::new), self.deadlines.to_recording());
                 let place = self.perception.place().map(|place| KukaPose::from_rigid(&place)).or(self.last_place);
                 self.last_place = place;
-                self.ports.requests.publish(News::Begun(cycle, Begin::Cycle { robot, armed, place }));
+                self.ports.requests.publish(LoopEvent::Begun(cycle, Begin::Cycle { robot, armed, place }));
             }
             Err(error) => {
-                self.ports.requests.publish(News::Unable(vec![reason("store", &error)]));
+                self.ports.requests.publish(LoopEvent::Unable(vec![reason("store", &error)]));
                 return None;
             }
         }
@@ -326,7 +327,7 @@ impl Running<'_> {
         self.remarks = prepared.remarks;
         (self.perception, self.abrasion, self.verdict) = (Perception::default(), Abrasion::default(), None);
         // Earlier reports of the tool are not part of this cycle's recording: the tool is read and commanded anew.
-        (self.trace, self.sent, self.pressing) = (Trace::default(), None, Pressing::default());
+        (self.trace, self.sent, self.pressing) = (Trace::default(), None, PressState::default());
         self.left_at = 0;
         Some(event)
     }
@@ -345,7 +346,7 @@ impl Running<'_> {
                 if self.condition != cycle::Robot::Unknown {
                     self.keep_clock()?;
                 }
-                let because = words::ended(event, self.state.at).filter(|_| verdict == Verdict::Aborted);
+                let because = operator_texts::ended(event, self.state.at).filter(|_| verdict == Verdict::Aborted);
                 let kept = self.ports.record.conclude(verdict, because.into_iter().collect())?;
                 if kept != verdict {
                     // Only a fault of the program leads here, because the table ends no cycle with a better verdict
@@ -359,9 +360,11 @@ impl Running<'_> {
                 let verdict = kept;
                 self.verdict = Some(verdict);
                 tracing::info!(verdict = verdict.word(), "the cycle is concluded");
-                self.ports.requests.publish(News::Concluded(verdict));
+                self.ports.requests.publish(LoopEvent::Concluded(verdict));
             }
-            Effect::Refuse { request, refusal } => self.ports.requests.publish(News::Refused(request, refusal)),
+            Effect::Refuse { request, refusal } => {
+                self.ports.requests.publish(LoopEvent::Refused(request, refusal))
+            }
         }
         Ok(())
     }
@@ -384,18 +387,18 @@ impl Running<'_> {
     /// Returns the time limit of the act that is due, s.
     fn answer_s(&self) -> f64 {
         match self.state.due.map(|due| due.act) {
-            Some(Act::Move(motion)) => {
+            Some(Action::Move(motion)) => {
                 let path_s = self.abrasion.plan(motion.plan).map_or(0.0, |plan| plan.duration_s);
                 MOVE_S + MAX_DURATION_RATIO * path_s
             }
-            Some(Act::Film) => self.setup().map_or(0.0, |job| job.demands().filmed_s()) + FILM_SPARE_S,
+            Some(Action::Film) => self.setup().map_or(0.0, |job| job.demands().filmed_s()) + FILM_SPARE_S,
             Some(
-                Act::Locate
-                | Act::Refine { .. }
-                | Act::Verify { .. }
-                | Act::Plan { .. }
-                | Act::DryPicture
-                | Act::SelfTest,
+                Action::Locate
+                | Action::Refine { .. }
+                | Action::Verify { .. }
+                | Action::Plan { .. }
+                | Action::DryPicture
+                | Action::SelfTest,
             ) => COMPUTING_S,
             _ => FEEDBACK_S,
         }

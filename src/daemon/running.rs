@@ -3,21 +3,21 @@
 use super::abrasion::Abrasion;
 use super::computing::Computing;
 use super::control::Control;
-use super::corrected::Corrected;
+use super::corrected::CalibratedRobot;
 use super::deadlines::Deadlines;
 use super::feedbacks::Contrary;
-use super::pending::Pending;
+use super::path_progress::PathProgress;
+use super::path_progress::SentPath;
+use super::pending_action::PendingAction;
 use super::perception::Perception;
 use super::ports::{RecordPort, RequestPort, RobotPort, ToolPort};
-use super::pressing::Pressing;
-use super::sent::Sent;
 use super::setup::{CellSetup, CycleSetup};
-use super::underway::Underway;
+use super::tool_state::PressState;
 use crate::cycle::{self, Event, Report, State};
 use crate::eki::{self, Time};
 use crate::geometry::{Joints, KukaPose};
 use crate::path::trace::Trace;
-use crate::record::{Front, Who};
+use crate::record::{RequestSource, Who};
 use crate::tape::Begin;
 use crate::verdict::{Reason, Verdict};
 use std::collections::VecDeque;
@@ -25,7 +25,7 @@ use std::sync::Arc;
 
 /// All ports except the cameras, which are used by the computing thread.
 pub(super) struct Outside<'a> {
-    pub robot: Corrected<'a>,
+    pub robot: CalibratedRobot<'a>,
     pub tool: &'a mut dyn ToolPort,
     pub record: &'a mut dyn RecordPort,
     pub requests: &'a mut dyn RequestPort,
@@ -54,10 +54,10 @@ pub(super) struct Running<'p> {
     pub perception: Perception,
     pub abrasion: Abrasion,
     pub trace: Trace,
-    pub underway: Underway,
-    pub pressing: Pressing,
-    pub pending: Option<Pending>,
-    pub sent: Option<Sent>,
+    pub underway: PathProgress,
+    pub pressing: PressState,
+    pub pending: Option<PendingAction>,
+    pub sent: Option<SentPath>,
     /// The last place of the panel in the earlier cycles, as far as it is known.
     pub last_place: Option<KukaPose>,
     /// The axes at the end of the last path. `None` after a stop, an abort, a lost robot or a start of the program,
@@ -106,13 +106,13 @@ impl<'p> Running<'p> {
             computing,
             ports,
             state,
-            events: VecDeque::from([Event::Told(Report::Boot)]),
+            events: VecDeque::from([Event::Reported(Report::Boot)]),
             deadlines: Deadlines::default(),
             perception: Perception::default(),
             abrasion: Abrasion::default(),
             trace: Trace::default(),
-            underway: Underway::default(),
-            pressing: Pressing::default(),
+            underway: PathProgress::default(),
+            pressing: PressState::default(),
             pending: None,
             sent: None,
             remarks: Vec::new(),
@@ -124,7 +124,7 @@ impl<'p> Running<'p> {
             full_override: None,
             contrary: Contrary::default(),
             verdict: None,
-            requester: Who::by(Front::Program),
+            requester: Who::by(RequestSource::Program),
             is_disk_full: false,
             has_taken_up: false,
             last_refused: None,

@@ -6,13 +6,13 @@
 //! these may run in T1, with a person at the enabling switch. They are not in the journal: nothing follows from
 //! them, and a controller that loses its client stops by itself.
 
-use super::corrected::Corrected;
+use super::corrected::CalibratedRobot;
 use super::moves::{self, move_lin};
 use super::ports::RobotPort;
 use super::single_interlocks;
 use super::wiring::reads;
 use crate::cell::{Arm, Cell, InputsOutputs, LOCAL_CONTROL};
-use crate::cycle::{Act, Path};
+use crate::cycle::{Action, Path};
 use crate::eki::{
     Command, CommandId, Epoch, LinkLoss, Mode, MoveJ, QueueError, Report, SetAccSpeed, SetTcp, Signal, State, Time,
 };
@@ -90,7 +90,7 @@ pub struct Mounted {
 
 /// A robot that answers.
 pub struct Single<'r> {
-    robot: Corrected<'r>,
+    robot: CalibratedRobot<'r>,
     state: State,
     mounted: Vec<Mounted>,
 }
@@ -101,7 +101,7 @@ impl<'r> Single<'r> {
     /// # Errors
     /// If no controller answers.
     pub fn connect(robot: &'r mut dyn RobotPort, arm: &Arm) -> Result<Self, SingleError> {
-        let mut robot = Corrected::new(robot, arm);
+        let mut robot = CalibratedRobot::new(robot, arm);
         let (begun, mut why) = (Instant::now(), None);
         while begun.elapsed() < CONNECT_TIMEOUT {
             match robot.next().map_err(broken)? {
@@ -248,7 +248,7 @@ impl<'r> Single<'r> {
         let number = number_of(name, cell.io())?;
         self.open_epoch()?;
         if let Some(switch) = single_interlocks::switched_on(name).filter(|_| on) {
-            self.held_to_interlocks(name, Act::Switch(switch), cell)?;
+            self.held_to_interlocks(name, Action::Switch(switch), cell)?;
         }
         let id = self.send(Command::SetDigout(Signal { number, on }))?;
         self.executed(id, COMMAND_TIMEOUT)?;
@@ -261,7 +261,7 @@ impl<'r> Single<'r> {
 
     /// Checks the cycle's conditions for this act against the present feedbacks, not those at the start of the
     /// epoch.
-    fn held_to_interlocks(&mut self, name: &str, act: Act, cell: &Cell) -> Result<(), SingleError> {
+    fn held_to_interlocks(&mut self, name: &str, act: Action, cell: &Cell) -> Result<(), SingleError> {
         let told = self.state.sequence;
         while self.state.sequence == told {
             self.receive()?;

@@ -7,7 +7,7 @@
 use super::wiring::{RINSE, Reading, Wiring};
 use crate::cell::{Cell, Feedback, Output};
 use crate::cycle::{
-    Act, Epoch, Extraction, Facts, Frames, Id, Lens, Motion, Path, Switch, Tool, Water, open_interlocks,
+    Action, Epoch, Extraction, Facts, Frames, Id, Lens, Motion, Path, Switch, Tool, Water, open_interlocks,
 };
 use crate::eki::{CONTACT_OVERRIDE_PERCENT, State};
 use crate::geometry::Joints;
@@ -31,12 +31,12 @@ pub(super) fn switched_on(name: &str) -> Option<Switch> {
 }
 
 /// Returns a motion with the same interlocks as the cycle's motion along this path.
-pub(super) fn motion(path: Path) -> Act {
-    Act::Move(Motion { epoch: 0, path, plan: 0, waypoints: 1 })
+pub(super) fn motion(path: Path) -> Action {
+    Action::Move(Motion { epoch: 0, path, plan: 0, waypoints: 1 })
 }
 
 /// Rejects if an interlock of the act is open; `name` is the function that the person requested.
-pub(super) fn judge(name: &str, act: Act, state: &State, cell: &Cell) -> Judgement {
+pub(super) fn judge(name: &str, act: Action, state: &State, cell: &Cell) -> Judgement {
     let open = open_interlocks(act, &facts(state, cell));
     let reason = |need: &&str| Reason::new("interlock", format!("{name} needs {need}"));
     Judgement::new(open.iter().map(reason).collect(), vec![])
@@ -97,7 +97,7 @@ mod tests {
 
     /// Returns whether the act is permitted. The bits of `In`, from the lowest: water_off, lens_shut,
     /// extraction_flow, tool_running; those of `Out`: light, spray, lens_shutter, extraction, tool.
-    fn may(act: Act, (inputs, outputs): (u32, u32), a1_deg: f64) -> bool {
+    fn may(act: Action, (inputs, outputs): (u32, u32), a1_deg: f64) -> bool {
         let joints = Joints { a1_deg, ..cell().park().expect("given") };
         let state = State { inputs, outputs, joints, ..standing_state() };
         judge("it", act, &state, &cell()).reasons.is_empty()
@@ -127,7 +127,7 @@ mod tests {
                     ("lens_shutter", true),
                     ("extraction", true),
                 ] {
-                    let act = Act::Switch(switched_on(name).expect("known"));
+                    let act = Action::Switch(switched_on(name).expect("known"));
                     assert_eq!(may(act, inputs, a1_deg), expected, "{name} {inputs:?} {a1_deg}");
                 }
             }

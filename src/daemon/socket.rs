@@ -12,11 +12,11 @@
 mod role;
 
 use super::caller;
+use super::camera_lease::{self, SharedCameras, ShotRequest};
 use super::gateway::Gateway;
-use super::lending::{self, SharedCameras, ShotRequest};
 use super::protocol::{MAX_BYTES, MAX_SHORT_BYTES, ProtocolError, may_be_long, read_request};
 use super::reply::{Exit, Reply};
-use super::request::{StartRequest, What};
+use super::request::{RequestKind, StartRequest};
 use super::slots::{Most, Slot, Slots};
 use crate::accounts::Role;
 use crate::record::Who;
@@ -196,14 +196,14 @@ async fn attend((stream, who): (UnixStream, Who), mut slot: Slot<Option<u32>>, g
     };
     drop(slot);
     let heard = heard.map(|what| match what {
-        What::Start(start) => What::Start(StartRequest { own_text: rule.own_text(&who), ..start }),
+        RequestKind::Start(start) => RequestKind::Start(StartRequest { own_text: rule.own_text(&who), ..start }),
         what => what,
     });
     if let Some(reason) = heard.as_ref().ok().and_then(|what| rule.refusal(&who, what)) {
         tracing::warn!("refused to {}: {}", caller::in_log(&caller::named(who)), reason.message);
         return send_reply(&stream, &Reply::refused(Exit::Refused, vec![reason])).await;
     }
-    if let (Ok(What::Shoot(shot)), Some(cameras)) = (&heard, &gateway.cameras) {
+    if let (Ok(RequestKind::Shoot(shot)), Some(cameras)) = (&heard, &gateway.cameras) {
         return lend(stream, *shot, cameras.clone(), who);
     }
     let reply = match heard {
@@ -226,7 +226,7 @@ async fn send_reply(stream: &UnixStream, reply: &Reply) {
     let _ = timeout(CLIENT_TIMEOUT, write(stream, &line)).await;
 }
 
-async fn read(stream: &UnixStream) -> Result<What, ProtocolError> {
+async fn read(stream: &UnixStream) -> Result<RequestKind, ProtocolError> {
     let (mut line, mut bytes) = (Vec::new(), [0; 4 * 1_024]);
     loop {
         let most = if may_be_long(&line) { MAX_BYTES } else { MAX_SHORT_BYTES };
@@ -265,7 +265,7 @@ async fn write(stream: &UnixStream, mut line: &[u8]) -> std::io::Result<()> {
 fn lend(stream: UnixStream, shot: ShotRequest, cameras: SharedCameras, who: Who) {
     tracing::info!("{} asks: {}", caller::in_log(&caller::named(who)), shot.word());
     let lent = stream.into_std().and_then(|stream| {
-        thread::Builder::new().name("shots".to_owned()).spawn(move || lending::serve(stream, shot, &cameras))
+        thread::Builder::new().name("shots".to_owned()).spawn(move || camera_lease::serve(stream, shot, &cameras))
     });
     if let Err(error) = lent {
         tracing::warn!("no shot: {error}");

@@ -6,10 +6,10 @@
 //! the robot's own program.
 
 use super::error::DaemonError;
-use super::pending::{Pending, Waits};
-use super::ports::{News, RecordError};
+use super::pending_action::{Condition, PendingAction};
+use super::ports::{LoopEvent, RecordError};
 use super::running::Running;
-use crate::cycle::{Act, Answer, Event, Id, Motion, Path, Report, Trouble};
+use crate::cycle::{Action, Answer, Event, Id, Motion, Path, Report, Trouble};
 use crate::eki::Time;
 use crate::force::{Press, downwards};
 use crate::geometry::{Base, Tool};
@@ -30,7 +30,7 @@ impl Running<'_> {
         if under_way.is_none() {
             if let Some(lost) = lost {
                 tracing::warn!("{}", lost.message);
-                self.ports.requests.publish(News::Noted(vec![lost]));
+                self.ports.requests.publish(LoopEvent::Noted(vec![lost]));
             }
             return Ok(false);
         }
@@ -41,15 +41,15 @@ impl Running<'_> {
         self.pressing.is_over();
         self.ports.tool.press(Press::held_back(tool.min_force_n));
         self.note(Kind::Tool, vec![why])?;
-        self.events.push_back(Event::Told(Report::Trouble(Trouble::Force)));
+        self.events.push_back(Event::Reported(Report::Trouble(Trouble::Force)));
         Ok(true)
     }
 
     /// Returns the number of waypoints of a contact path that the arm has reached; `None` if no contact path is
     /// under way.
     fn contact_reached(&self) -> Option<usize> {
-        let is_contact = |pending: &Pending| match (pending.act, &pending.waits) {
-            (Act::Move(motion), Waits::PathEnd) => motion.path == Path::Contact,
+        let is_contact = |pending: &PendingAction| match (pending.act, &pending.waits) {
+            (Action::Move(motion), Condition::PathEnd) => motion.path == Path::Contact,
             _ => false,
         };
         let sent = self.sent.filter(|_| self.pending.as_ref().is_some_and(is_contact))?;

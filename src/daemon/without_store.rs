@@ -2,7 +2,7 @@
 //! tries again.
 
 use super::reply::{Exit, Reply};
-use super::request::{Request, What};
+use super::request::{Request, RequestKind};
 use super::request_queue::RequestQueue;
 use crate::verdict::Reason;
 use sd_notify::NotifyState;
@@ -26,12 +26,12 @@ pub fn wait_for<T>(queue: &RequestQueue, mut attempt: impl FnMut() -> Result<T, 
         }
         notify(&[NotifyState::Watchdog]);
         let Some(Request { what, reply, .. }) = queue.next(RETRY_INTERVAL) else { continue };
-        if matches!(what, What::Leave) {
+        if matches!(what, RequestKind::Leave) {
             return None;
         }
         // A request without a reply channel was answered already, and there is no store yet that could record it.
         for reply in queue.followers().into_iter().chain(reply) {
-            let answer = if matches!(what, What::State) { Exit::Done } else { Exit::Fault };
+            let answer = if matches!(what, RequestKind::State) { Exit::Done } else { Exit::Fault };
             let state = Some("aborted".to_owned());
             #[expect(clippy::let_underscore_must_use, reason = "whoever hung up does not want to know")]
             let _ = reply.send(Reply { state, ..Reply::refused(answer, vec![why.clone()]) });

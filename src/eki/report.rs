@@ -7,7 +7,7 @@ use super::ids::{CommandId, Epoch};
 use super::state::State;
 use super::word::{Word, word};
 use crate::geometry::KukaPose;
-use crate::words::apart;
+use crate::number_text::apart;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 

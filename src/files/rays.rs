@@ -46,7 +46,7 @@ pub fn check_frame(cloud: &OrganizedCloud<Camera>) -> Result<(), CloudFileError>
     match lens_of(&sample, size) {
         Some(own) if own.median_px <= allowed_px(cloud.width()) => Ok(()),
         own => {
-            let off_px = crate::words::fixed(own.map_or(f64::INFINITY, |own| own.median_px), 1).to_string();
+            let off_px = crate::number_text::fixed(own.map_or(f64::INFINITY, |own| own.median_px), 1).to_string();
             Err(CloudFileError::OtherFrame { off_px })
         }
     }
@@ -60,7 +60,7 @@ fn unit_and_side(sample: &Sample) -> Result<(), CloudFileError> {
     let depths = || sample.iter().map(|(_, point)| point.mm.z);
     let middle = median(&mut depths().collect::<Vec<f64>>()).unwrap_or(0.0);
     let ends = depths().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], z| [low.min(z), high.max(z)]);
-    let [from, to] = ends.map(|end| crate::words::fixed(end, 2).to_string());
+    let [from, to] = ends.map(|end| crate::number_text::fixed(end, 2).to_string());
     if middle > 0.0 && middle < MIN_DISTANCE_MM {
         return Err(CloudFileError::Metres { from, to });
     }
@@ -91,15 +91,15 @@ fn named(cloud: &OrganizedCloud<Camera>, sample: &Sample, camera: &PinholeCamera
     } else {
         None
     };
-    let off_px = crate::words::fixed(off_px, 1).to_string();
+    let off_px = crate::number_text::fixed(off_px, 1).to_string();
     if let Some(order) = order {
         return CloudFileError::OtherOrder { order };
     }
     match lens_of(sample, (cloud.width(), cloud.height())) {
         Some(own) if own.median_px <= OWN_LENS_PX => {
             let numbers = |lens: &PinholeCamera| {
-                let [fx, fy, cx, cy] =
-                    [lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px].map(|number| crate::words::fixed(number, 2));
+                let [fx, fy, cx, cy] = [lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px]
+                    .map(|number| crate::number_text::fixed(number, 2));
                 format!("fx {fx}, fy {fy}, cx {cx}, cy {cy} px")
             };
             CloudFileError::OtherLens { off_px, own: numbers(&own.camera), stated: numbers(camera) }

@@ -16,7 +16,7 @@
 //! set-points of the tool) · `gravity` · `aims` (which force at which waypoint) · `watch` (readings against
 //! expected values) · `stroke` (the gate before the motion). Payload and zero are calibrated in `calib::force`.
 
-mod aims;
+mod force_profile;
 mod gravity;
 mod press;
 mod session;
@@ -24,7 +24,7 @@ mod stroke;
 mod telegram;
 mod watch;
 
-pub use aims::{Aim, aim_of_leg};
+pub use force_profile::{ForcePhase, force_phase};
 pub use gravity::{Weight, downwards};
 pub use press::{Press, Ramp};
 pub use session::{Loss, Session, SessionLimits, State};

@@ -11,8 +11,8 @@
 //! within the middle two thirds of the stroke. The errors are added, not squared: a systematic error would not
 //! average out along a path.
 
+use crate::number_text::{apart, fixed};
 use crate::verdict::{Check, SetBy, Severity};
-use crate::words::{apart, fixed};
 
 /// Share of the stroke, about its middle, that may be used in contact.
 pub const MIDDLE_SHARE: f64 = 2.0 / 3.0;

@@ -6,12 +6,12 @@
 //! middle two thirds of the stroke; a tool that does not go back. Error bits and a lost link count at once. While
 //! the set-point ramps, the band includes its values of the last moment, by which the tool may follow later.
 
-use super::aims::Aim;
+use super::force_profile::ForcePhase;
 use super::stroke::middle_mm;
 use super::telegram::Reading;
 use crate::eki::Time;
+use crate::number_text::fixed;
 use crate::verdict::Reason;
-use crate::words::fixed;
 use std::time::Duration;
 
 /// How far a tool that is held back may be out, as a share of its stroke.
@@ -36,7 +36,7 @@ pub struct WatchLimits {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Expected {
     /// The tool's task.
-    pub aim: Aim,
+    pub aim: ForcePhase,
     /// The range of contact forces that contains the set-point, lower value first, N.
     pub between_n: [f64; 2],
 }
@@ -44,7 +44,7 @@ pub struct Expected {
 /// The deviations so far, and since when.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Watch {
-    aim: Option<(Aim, Time)>,
+    aim: Option<(ForcePhase, Time)>,
     out_of_band: Option<Time>,
     out_of_stroke: Option<Time>,
     without_contact: Option<Time>,
@@ -67,11 +67,11 @@ impl Watch {
             Some((aim, since)) if aim == expected.aim => since,
             _ => self.aim.insert((expected.aim, now)).1,
         };
-        let presses = expected.aim == Aim::Pressing;
+        let presses = expected.aim == ForcePhase::Pressing;
         let [low_n, high_n] = [expected.between_n[0] - limits.band_n, expected.between_n[1] + limits.band_n];
         // Without contact there is no force to judge. Too much force is too much wherever the tool presses.
         let out = (presses && reading.contact && contact_n < low_n)
-            || (expected.aim != Aim::HeldBack && reading.contact && contact_n > high_n);
+            || (expected.aim != ForcePhase::HeldBack && reading.contact && contact_n > high_n);
         let [nearest_mm, farthest_mm] = middle_mm(limits.stroke_mm);
         let outside = presses && reading.contact && !(nearest_mm..=farthest_mm).contains(&reading.position_mm);
         let lasts = |began: &mut Option<Time>, is_so: bool, within: Duration| {
@@ -104,7 +104,7 @@ impl Watch {
             );
             return Some(Reason::new("tool_stroke", words));
         }
-        let is_held = expected.aim == Aim::HeldBack && now.since(since) >= RETRACT_TIMEOUT;
+        let is_held = expected.aim == ForcePhase::HeldBack && now.since(since) >= RETRACT_TIMEOUT;
         // In the air, after enough time to go back, the tool touches nothing: then its force is not checked.
         if is_held { unready(reading, limits.stroke_mm) } else { None }
     }

@@ -7,7 +7,7 @@
 //!     N'_{i,p} = p ( N_{i,p−1}/(u_{i+p} − u_i) − N_{i+1,p−1}/(u_{i+p+1} − u_{i+1}) ).
 //! Source: Piegl & Tiller, The NURBS Book, 2nd ed., sections 2.2 and 2.3.
 
-use crate::words::list;
+use crate::number_text::list;
 use std::ops::RangeInclusive;
 
 /// Highest supported degree.

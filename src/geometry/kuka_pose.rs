@@ -8,7 +8,7 @@
 use super::frames::Frame;
 use super::rigid::Rigid;
 use super::units::Degrees;
-use crate::words::fixed;
+use crate::number_text::fixed;
 use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 

@@ -27,7 +27,7 @@ impl Degrees {
 
 impl std::fmt::Display for Degrees {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}°", crate::words::fixed(self.0, 3))
+        write!(f, "{}°", crate::number_text::fixed(self.0, 3))
     }
 }
 

@@ -4,7 +4,7 @@
 //! that one.
 
 use super::grid::GridPast;
-use super::past::PastCycle;
+use super::past_cycle::PastCycle;
 use super::summary::{Summary, summary};
 use crate::record::{Finding, Kind};
 use crate::verdict::{Check, Limit};

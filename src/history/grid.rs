@@ -1,8 +1,8 @@
 //! The results of each grid of a panel in one cycle: for its first film, the passes, and its last film.
 
+use crate::number_text::fixed;
 use crate::record::{Abraded, Finding, Kind, name};
 use crate::verdict::Verdict;
-use crate::words::fixed;
 use serde::Serialize;
 use std::collections::BTreeMap;
 

@@ -2,7 +2,7 @@
 //! film of each cycle.
 
 use super::grid::grid_place;
-use super::past::PastCycle;
+use super::past_cycle::PastCycle;
 use crate::geometry::median_between;
 use serde::Serialize;
 use std::collections::BTreeMap;

@@ -1,6 +1,6 @@
 //! Numbers of a cycle whose trend is worth watching: their words on the command line, and their place in a record.
 
-use super::past::PastCycle;
+use super::past_cycle::PastCycle;
 use crate::record::{Kind, name};
 use crate::verdict::{Check, Limit};
 use std::str::FromStr;

@@ -1,6 +1,6 @@
 //! The summary of one cycle.
 
-use super::past::{DiscWear, PastCycle};
+use super::past_cycle::{DiscWear, PastCycle};
 use crate::record::{Budget, Clock, CycleId, Kind, PartNames, name};
 use crate::verdict::{Check, Reason, Verdict};
 use serde::Serialize;

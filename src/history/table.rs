@@ -61,7 +61,7 @@ impl Cell {
             Cell::Empty => String::new(),
             Cell::Text(text) if text.starts_with(['=', '+', '-', '@', '\t', '\r']) => format!("'{text}"),
             Cell::Text(text) => text.clone(),
-            Cell::Number(number) => crate::words::plain(*number),
+            Cell::Number(number) => crate::number_text::plain(*number),
             Cell::Whole(number) => number.to_string(),
             Cell::Flag(flag) => flag.to_string(),
         }

@@ -7,9 +7,9 @@ use super::query::Hit;
 use super::summary::Summary;
 use super::table::{Cell, Table};
 use super::trend::Trend;
+use crate::number_text::utc;
 use crate::record::{CycleId, PartNames};
 use crate::verdict::{Check, Limit, Reason, Verdict};
-use crate::words::utc;
 
 /// The first columns of every row about a cycle, up to its codes.
 const CYCLE: [&str; 11] = [
@@ -162,9 +162,9 @@ pub fn comparison_table(comparison: &Comparison) -> Table {
 fn limit_cell(limit: Limit) -> Cell {
     match limit {
         Limit::Unlimited => Cell::Empty,
-        Limit::AtMost(bound) => format!("at most {}", crate::words::plain(bound)).into(),
-        Limit::AtLeast(bound) => format!("at least {}", crate::words::plain(bound)).into(),
-        Limit::Below(bound) => format!("below {}", crate::words::plain(bound)).into(),
+        Limit::AtMost(bound) => format!("at most {}", crate::number_text::plain(bound)).into(),
+        Limit::AtLeast(bound) => format!("at least {}", crate::number_text::plain(bound)).into(),
+        Limit::Below(bound) => format!("below {}", crate::number_text::plain(bound)).into(),
     }
 }
 

@@ -1,6 +1,6 @@
 //! The development of a quantity of a panel over its cycles, with the limit with which each value was compared.
 
-use super::past::PastCycle;
+use super::past_cycle::PastCycle;
 use super::quantity::Quantity;
 use super::western_electric::{Hint, Usual, hints, usual};
 use crate::record::CycleId;

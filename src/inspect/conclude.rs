@@ -1,14 +1,14 @@
 //! The end of the test: computes breaks, grids and a verdict from the history of every pixel.
 
 use super::InspectError;
-use super::doubt::{Dryness, wet_when_dry};
+use super::break_mask::{OfModel, Settled, Sizes, break_to_film, settled};
 use super::film::NEVER;
 use super::footprint::Footprint;
 use super::gate::{Judged, judge};
+use super::initially_wet::{Dryness, wet_when_dry};
 use super::observed::{GridInspection, Observation, Reference};
 use super::pieces::{Break, breaks};
 use super::sanded::Sanded;
-use super::settle::{OfModel, Settled, Sizes, break_to_film, settled};
 use super::watch::Watch;
 use crate::geometry::Mask;
 use crate::verdict::{Check, Judgement};

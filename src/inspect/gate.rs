@@ -14,9 +14,9 @@ mod tests;
 use super::observed::{Demands, GridInspection, Observation, Reference};
 use super::place::{MAX_OFF_PX, elsewhere, too_coarse};
 use super::quality::{Flaw, Flawed, MIN_FIRST_SHARPNESS};
+use crate::number_text::apart;
 use crate::recipe;
 use crate::verdict::{Check, Judgement, Limit, SetBy, Severity, Verdict};
-use crate::words::apart;
 use flaws::{shown, worst_flaw};
 
 /// A film must change the panel by at least this many times the clip's noise: the bound between wet and dry is at

@@ -5,8 +5,8 @@
 //! ([`thesis`], [`film`]) can be chosen instead (`method = "thesis"`). The taught pixels of the region are
 //! projected to the panel's present pose and convert broken pixels into mm² of each grid ([`footprint`]). Each
 //! picture is checked for whether it can be used ([`quality`], [`steady`]). At the end the broken pixels are
-//! assembled ([`conclude`], [`settle`], [`pieces`]), without those that were wet already in the dry picture
-//! ([`doubt`]). One gate turns all results into a verdict ([`gate`], [`place`]). Pictures are processed one by one
+//! assembled ([`conclude`], [`break_mask`], [`pieces`]), without those that were wet already in the dry picture
+//! ([`initially_wet`]). One gate turns all results into a verdict ([`gate`], [`place`]). Pictures are processed one by one
 //! and not kept, so that memory does not grow with the clip.
 //!
 //! A dry picture before the spray is part of the test: it determines the lamp, the panel's place and the dry look
@@ -17,15 +17,16 @@
 //! the panel and draws nothing.
 
 mod advice;
+mod break_mask;
 mod conclude;
-mod doubt;
 mod error;
 mod film;
 mod film_advice;
 mod footprint;
 mod gate;
-mod looks;
+mod initially_wet;
 mod model;
+mod narrow_spots;
 mod observed;
 mod pieces;
 mod place;
@@ -34,7 +35,6 @@ mod quality;
 mod rendered;
 mod sanded;
 mod score;
-mod settle;
 mod steady;
 #[cfg(test)]
 mod tests;

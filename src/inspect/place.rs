@@ -1,7 +1,7 @@
 //! Checks before any film runs: is the panel at its pose, and are the pixels fine enough?
 
+use crate::number_text::apart;
 use crate::verdict::Reason;
-use crate::words::apart;
 
 /// In the dry picture the panel's outline must be nearer than this to its place by the pose, px. If the panel is in
 /// place, the distance is a few tenths of a pixel, from the errors of pose and calibration.

@@ -15,8 +15,8 @@
 //! helps.
 
 use super::footprint::Window;
-use super::looks::Looks;
 use super::model::{DIFFERENCES, Model, Shimmer};
+use super::narrow_spots::Looks;
 use crate::geometry::median;
 use crate::imaging::{ImagingError, named};
 use opencv::core::{self, Mat, MatTraitConstManual, Point, Scalar};

@@ -6,9 +6,9 @@ use super::film_advice::GridContrast;
 use super::gate::{MIN_CHANGE_TO_NOISE, name};
 use super::observed::Demands;
 use super::place::too_coarse;
+use crate::number_text::{apart, fixed};
 use crate::panel::GridId;
 use crate::verdict::{Check, Reason, SetBy, Severity};
-use crate::words::{apart, fixed};
 
 /// A contrast of fewer times the noise is too small to distinguish wet from dry.
 pub const MIN_CONTRAST_TO_NOISE: f64 = 5.0;

@@ -17,7 +17,7 @@ pub enum LineRequest {
 
 /// One observation of the line and the cell.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Look {
+pub struct LineObservation {
     /// The line's inputs; `None` if nothing is received from the controller.
     pub inputs: Option<LineInputs>,
     /// The state of the cell; `None` if its loop does not answer.
@@ -39,12 +39,12 @@ pub struct Handshake {
     /// The last request was refused, and no one has reacted to that yet.
     refused: Option<LineRequest>,
     /// The last observation, and the number of equal consecutive ones.
-    steady: Option<(Look, u8)>,
+    steady: Option<(LineObservation, u8)>,
 }
 
 impl Handshake {
     /// Evaluates one look and returns the request that is to be made.
-    pub fn look(&mut self, look: Look) -> Option<LineRequest> {
+    pub fn look(&mut self, look: LineObservation) -> Option<LineRequest> {
         let count = match &self.steady {
             Some((before, count)) if *before == look => count.saturating_add(1),
             _ => 1,
@@ -74,7 +74,7 @@ impl Handshake {
     }
 
     /// The signals that the line receives now.
-    pub fn output_signals(&mut self, look: &Look) -> LineSignals {
+    pub fn output_signals(&mut self, look: &LineObservation) -> LineSignals {
         let is_over = match self.refused {
             Some(LineRequest::Start) => look.inputs.is_some_and(|inputs| !inputs.start_request),
             Some(LineRequest::Reset) => look.cell.as_ref().is_some_and(|cell| cell.state != "complete"),

@@ -13,5 +13,5 @@ mod signals;
 #[cfg(test)]
 mod tests;
 
-pub use handshake::{Handshake, LineRequest, Look};
+pub use handshake::{Handshake, LineObservation, LineRequest};
 pub use signals::{CellStatus, LineInputs, LineSignals, line_signals};

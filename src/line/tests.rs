@@ -23,13 +23,13 @@ const STATES: [&str; 14] = [
     "clearing",
 ];
 
-fn look(state: &str, part_present: bool, start_request: bool) -> Look {
+fn look(state: &str, part_present: bool, start_request: bool) -> LineObservation {
     let cell = CellStatus { state: state.to_owned(), is_review: false, verdict: Some(Verdict::Pass) };
-    Look { inputs: Some(LineInputs { part_present, start_request }), cell: Some(cell) }
+    LineObservation { inputs: Some(LineInputs { part_present, start_request }), cell: Some(cell) }
 }
 
 /// The requests while each of these looks is seen three times in a row.
-fn asked(handshake: &mut Handshake, looks: &[Look]) -> Vec<LineRequest> {
+fn asked(handshake: &mut Handshake, looks: &[LineObservation]) -> Vec<LineRequest> {
     looks
         .iter()
         .flat_map(|look| std::iter::repeat_n(look, 3))
@@ -62,8 +62,8 @@ fn an_edge_asks_once_and_the_part_that_is_taken_resets() {
 #[test]
 fn a_level_asks_for_nothing() {
     let high = look("idle", true, true);
-    let gone = Look { inputs: None, ..high.clone() };
-    let silent = Look { cell: None, ..high.clone() };
+    let gone = LineObservation { inputs: None, ..high.clone() };
+    let silent = LineObservation { cell: None, ..high.clone() };
     assert_eq!(asked(&mut Handshake::default(), std::slice::from_ref(&high)), []);
     for before in [look("complete", true, true), look("stopped", true, false), gone, silent] {
         let mut handshake = Handshake::default();
@@ -129,7 +129,7 @@ fn a_refusal_is_told() {
         "it was taken back"
     );
     handshake.refused(LineRequest::Reset);
-    let silent = Look { cell: None, ..low.clone() };
+    let silent = LineObservation { cell: None, ..low.clone() };
     for look in
         [look("complete", false, false), look("complete", true, true), silent, look("complete", false, false)]
     {

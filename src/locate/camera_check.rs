@@ -6,11 +6,11 @@
 //! outliers. A direction that the fixture does not constrain is reported as not observed, never as not moved.
 
 use super::covariance::worst_mm;
-use super::grid::{self, DepthReading, Grid, Motion, Scan, camera_point};
+use super::grid::{self, DepthReading, Grid, RigidF32, Scan, camera_point};
 use super::model::Model;
 use super::profile;
 use super::sampling::spread_over;
-use super::solve::{Constraint, ResidualWeighting, Sums, spread, twisted};
+use super::solve::{Constraint, ResidualWeighting, Sums, apply_twist, spread};
 use super::taught_model::TaughtModel;
 use crate::geometry::statistics::WHOLE_PANEL_95;
 use crate::geometry::{Camera, Frame, OrganizedCloud, Panel, Pixel, Rigid};
@@ -103,7 +103,7 @@ fn compared<F: Frame>(
         faces.iter().filter(|face| face.residual.abs() <= SAME_FACE_MM).count() as f64 / faces.len() as f64;
     let (edges, same_edges) = still.edges(panel, (grid, scan));
     let same = same_edges.map_or(same_faces, |same_edges| same_edges.min(same_faces));
-    let centre = Motion::from_rigid(placed).point(&model.centre);
+    let centre = RigidF32::from_rigid(placed).point(&model.centre);
     let identity: Rigid<Camera, Panel> = *placed;
     let (mut moved, mut information) = (identity, Matrix6::zeros());
     let mut twist = nalgebra::Vector6::zeros();
@@ -130,13 +130,13 @@ fn compared<F: Frame>(
             sums.gradient[axis] += twist[axis] / (sigma * sigma);
         }
         twist += sums.twist()?;
-        moved = twisted(&identity, &centre, &twist);
+        moved = apply_twist(&identity, &centre, &twist);
         information = sums.information;
     }
     let covariance = information.try_inverse()?;
     Some(CameraCheck {
         moved_mm: model.largest_distance_mm(&identity, &moved),
-        uncertainty_mm: WHOLE_PANEL_95 * worst_mm(&covariance, model, &Motion::from_rigid(placed)),
+        uncertainty_mm: WHOLE_PANEL_95 * worst_mm(&covariance, model, &RigidF32::from_rigid(placed)),
         same,
     })
 }

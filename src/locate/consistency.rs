@@ -6,7 +6,7 @@
 //! length; a square of surface counts as its side.
 
 use super::fit::FitInputs;
-use super::grid::Motion;
+use super::grid::RigidF32;
 use super::sampling::spread_over;
 use super::search::{PointObservation, observe_point};
 use super::{mark_edges, model::Model, outline_edges};
@@ -29,7 +29,7 @@ pub(super) struct ConsistencyScore {
 impl ConsistencyScore {
     /// At a pose.
     pub fn compute(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>) -> ConsistencyScore {
-        let motion = Motion::from_rigid(placed);
+        let motion = RigidF32::from_rigid(placed);
         let FitInputs { model, grid, scan } = inputs;
         let outline = (0..model.outline.len())
             .into_par_iter()

@@ -26,7 +26,7 @@
 
 use super::deviation::{Deviation, PanelPlane};
 use super::fit::{EDGE_CORRELATION_MM, KINDS, Residuals};
-use super::grid::Motion;
+use super::grid::RigidF32;
 use super::model::Model;
 use super::sampling::spread_over;
 use super::scan_errors::RangeErrors;
@@ -112,7 +112,7 @@ pub(super) fn covariance(
     residuals: &Residuals,
     weighing: &[ResidualWeighting; KINDS],
     model: &Model,
-    (motion, deviation): (&Motion, Option<&Deviation>),
+    (motion, deviation): (&RigidF32, Option<&Deviation>),
 ) -> Option<PoseCovariance> {
     let plane = PanelPlane::from_model(model)?;
     let cell = |point: &Vector3<f64>, side_mm: f64| {
@@ -152,7 +152,7 @@ pub(super) fn covariance(
         .into_iter()
         .max_by(|a, b| worst_mm(a, model, motion).total_cmp(&worst_mm(b, model, motion)))
         .filter(|covariance| covariance.iter().all(|value| value.is_finite()))?;
-    let taught_place = Motion::from_rigid(&model.camera_from_panel);
+    let taught_place = RigidF32::from_rigid(&model.camera_from_panel);
     let (taught, turn) = (taught_place.point(&model.centre), motion.turn * taught_place.turn.transpose());
     let [shared, between_scans] = of_scale([&taught, &residuals.centre], &turn, model.range);
     let at_taught_place = with_shift(without_scale, between_scans);
@@ -298,7 +298,7 @@ fn inflation(constraints: &[Constraint], weighing: &ResidualWeighting, cell: imp
 }
 
 /// Returns one standard deviation at the worst point of the panel, along its worst direction, mm.
-pub(super) fn worst_mm(covariance: &Matrix6<f64>, model: &Model, motion: &Motion) -> f64 {
+pub(super) fn worst_mm(covariance: &Matrix6<f64>, model: &Model, motion: &RigidF32) -> f64 {
     let centre = motion.point(&model.centre);
     let at = |point: &Vector3<f64>| {
         let arm = motion.point(point) - centre;

@@ -1,6 +1,6 @@
 //! The reasons why a panel was not found at all. `gate` decides whether a panel that was found can be trusted.
 
-use crate::words::apart;
+use crate::number_text::apart;
 
 /// Why a scan gives no pose. Every variant but the last means that there is no panel of the taught kind.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

@@ -9,10 +9,10 @@ use super::camera_check::CameraCheck;
 use super::covariance::{PoseCovariance, Weakest, covariance, worst_mm};
 use super::deviation::Deviation;
 use super::fit::{FitInputs, Fitted, Residuals, Samples};
-use super::grid::Motion;
+use super::grid::RigidF32;
+use super::matched_shares::{OutlineShares, SurfaceShares, marks_found, saturated, scan_found};
 use super::model::Model;
 use super::pieces::Piece;
-use super::shares::{OutlineShares, SurfaceShares, marks_found, saturated, scan_found};
 use crate::geometry::statistics::WHOLE_PANEL_95;
 use crate::geometry::{Base, Camera, Degrees, Panel, Rigid};
 use crate::panel::panel_from_base_at_teaching;
@@ -166,7 +166,7 @@ pub(super) fn weigh(
 ) -> Result<Fit, LocateError> {
     let FitInputs { model, grid, .. } = inputs;
     let placed = fitted.camera_from_panel;
-    let motion = Motion::from_rigid(&placed);
+    let motion = RigidF32::from_rigid(&placed);
     let samples = Samples::all(model);
     let residuals = Residuals::at(&placed, inputs, &samples);
     let weighing = residuals.weighing(model, &samples);

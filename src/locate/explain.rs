@@ -7,11 +7,11 @@ use super::deviation::Deviation;
 use super::edges::Edge;
 use super::evidence::Fit;
 use super::fit::{FitInputs, Residuals, Samples};
-use super::grid::{Motion, camera_point};
+use super::grid::{RigidF32, camera_point};
+use super::matched_shares::EDGE_FOUND_PX;
+pub use super::matched_shares::SATURATED;
 use super::search::{PointObservation, observe_point};
-use super::shares::EDGE_FOUND_PX;
-pub use super::shares::SATURATED;
-use super::solve::twisted;
+use super::solve::apply_twist;
 use super::{Prepared, covariance, pieces};
 use crate::geometry::statistics::WITHIN_95;
 use crate::geometry::{Camera, Panel, Pixel, Rigid};
@@ -127,7 +127,7 @@ fn surface(
     inputs: FitInputs<'_>,
     bend_mm: impl Fn(usize) -> f64,
 ) -> Vec<(Pixel, SurfaceMark)> {
-    let motion = Motion::from_rigid(placed);
+    let motion = RigidF32::from_rigid(placed);
     let mark = |i: usize| {
         let pixel = inputs.grid.camera.project(camera_point(&motion.point(&inputs.model.points[i])))?;
         let mark = match observe_point(&motion, inputs.model, inputs.grid, i) {
@@ -157,7 +157,7 @@ fn marks(
     inputs: FitInputs<'_>,
     residuals: &Residuals,
 ) -> Vec<([Pixel; 2], OutlineMark)> {
-    let motion = Motion::from_rigid(placed);
+    let motion = RigidF32::from_rigid(placed);
     let stretch = |(k, edge): &(usize, Edge)| {
         let mark = &inputs.model.marks.points[*k];
         let end = |way_mm: f64| {
@@ -173,7 +173,7 @@ fn outline(
     inputs: FitInputs<'_>,
     residuals: &Residuals,
 ) -> (Vec<(Pixel, OutlineMark)>, Option<Pixel>) {
-    let motion = Motion::from_rigid(placed);
+    let motion = RigidF32::from_rigid(placed);
     let pixel = |k: usize| inputs.grid.camera.project(camera_point(&motion.point(&inputs.model.outline[k].point)));
     let mark = |(k, edge): &(usize, Edge)| Some((pixel(*k)?, outline_mark(edge)));
     let width = |(k, edge): &(usize, Edge)| match edge {
@@ -186,11 +186,11 @@ fn outline(
 
 /// The outline moved by the stated error along its largest direction.
 fn weakest(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, fit: &Fit) -> Vec<(Pixel, Pixel)> {
-    let motion = Motion::from_rigid(placed);
+    let motion = RigidF32::from_rigid(placed);
     let centre = motion.point(&inputs.model.centre);
     let twist = covariance::weakest(&fit.covariance, inputs.model).twist * (WITHIN_95 * ENLARGED);
-    let moved = Motion::from_rigid(&twisted(placed, &centre, &twist));
-    let project = |motion: &Motion, k: usize| {
+    let moved = RigidF32::from_rigid(&apply_twist(placed, &centre, &twist));
+    let project = |motion: &RigidF32, k: usize| {
         inputs.grid.camera.project(camera_point(&motion.point(&inputs.model.outline[k].point)))
     };
     (0..inputs.model.outline.len()).filter_map(|k| Some((project(&motion, k)?, project(&moved, k)?))).collect()

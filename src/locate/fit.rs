@@ -8,13 +8,13 @@
 //! than a few dozen independent ones.
 
 use super::edges::Edge;
-use super::grid::{Grid, Motion, Scan};
+use super::grid::{Grid, RigidF32, Scan};
 use super::mark_edges;
 use super::model::Model;
 use super::outline_edges;
 use super::sampling::spread_over;
 use super::search::surface_residual;
-use super::solve::{Constraint, ResidualWeighting, Sums, spread, twisted};
+use super::solve::{Constraint, ResidualWeighting, Sums, apply_twist, spread};
 use crate::geometry::{Camera, Panel, Rigid};
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -98,7 +98,7 @@ impl Samples {
 impl Residuals {
     /// At a pose.
     pub fn at(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, samples: &Samples) -> Residuals {
-        let motion = Motion::from_rigid(placed);
+        let motion = RigidF32::from_rigid(placed);
         let FitInputs { model, grid, scan } = inputs;
         let surface: Vec<Option<Constraint>> = samples
             .surface
@@ -183,7 +183,7 @@ impl Residuals {
 
 /// Returns the marks that the scan shows, and the result beside each mark.
 fn marks_at(
-    motion: &Motion,
+    motion: &RigidF32,
     FitInputs { model, grid, scan }: FitInputs<'_>,
     samples: &[usize],
 ) -> (Vec<Constraint>, Vec<(usize, Edge)>) {
@@ -216,7 +216,7 @@ pub(super) fn fit(guess: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, samples: 
         let residuals = Residuals::at(&fitted.camera_from_panel, inputs, samples);
         let weighing = residuals.weighing(inputs.model, samples);
         let twist = residuals.sums(&weighing).twist()?;
-        let next = twisted(&fitted.camera_from_panel, &residuals.centre, &twist);
+        let next = apply_twist(&fitted.camera_from_panel, &residuals.centre, &twist);
         fitted.last_step_mm = inputs.model.largest_distance_mm(&fitted.camera_from_panel, &next);
         fitted.camera_from_panel = next;
         fitted.iterations += 1;

@@ -17,10 +17,10 @@ use super::LocateError;
 use super::OutlineSeen;
 use super::evidence::Fit;
 use super::fit::CONVERGED_MM;
+use crate::number_text::{apart, percent_apart};
 use crate::recipe::{self, Recipe};
 use crate::record::name;
 use crate::verdict::{Check, Judgement, Reason, SetBy, Severity, Verdict};
-use crate::words::{apart, percent_apart};
 
 /// If the overlap is below the limit by at most this, a person decides: an object may cover the panel. A lower
 /// overlap means that the object is not the panel.

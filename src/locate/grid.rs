@@ -220,23 +220,25 @@ fn mean_inverse(depths: impl Iterator<Item = f32>) -> f32 {
 
 /// A rigid transform in the form that a kernel uses.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Motion {
+pub(super) struct RigidF32 {
     pub turn: Matrix3<f64>,
     pub shift: Vector3<f64>,
 }
 
-impl Motion {
-    pub fn from_rigid<To: crate::geometry::Frame, From: crate::geometry::Frame>(rigid: &Rigid<To, From>) -> Motion {
-        Motion { turn: *rigid.rotation().matrix(), shift: rigid.origin().mm.coords }
+impl RigidF32 {
+    pub fn from_rigid<To: crate::geometry::Frame, From: crate::geometry::Frame>(
+        rigid: &Rigid<To, From>,
+    ) -> RigidF32 {
+        RigidF32 { turn: *rigid.rotation().matrix(), shift: rigid.origin().mm.coords }
     }
 
     pub fn point(&self, point: &Vector3<f64>) -> Vector3<f64> {
         self.turn * point + self.shift
     }
 
-    pub fn inverse(&self) -> Motion {
+    pub fn inverse(&self) -> RigidF32 {
         let back = self.turn.transpose();
-        Motion { turn: back, shift: -(back * self.shift) }
+        RigidF32 { turn: back, shift: -(back * self.shift) }
     }
 }
 
@@ -247,7 +249,7 @@ pub(super) fn in_box(
     low: [f64; 3],
     high: [f64; 3],
 ) -> Vec<bool> {
-    let motion = Motion::from_rigid(base_from_camera);
+    let motion = RigidF32::from_rigid(base_from_camera);
     let mut inside = vec![false; grid.columns * grid.rows];
     inside.par_chunks_mut(grid.columns).enumerate().for_each(|(row, line)| {
         for (column, inside) in line.iter_mut().enumerate() {

@@ -6,10 +6,10 @@
 //! the mark is hidden.
 
 use super::edges::{Edge, Tangent};
-use super::grid::{Motion, Scan, camera_point};
+use super::grid::{RigidF32, Scan, camera_point};
 use super::outline_edges::{EdgeObservation, outward_px};
+use super::print_features::MarkPoint;
 use super::profile::{self, REACH};
-use super::taught_marks::MarkPoint;
 use crate::geometry::{PinholeCamera, Pixel};
 
 /// Places at which a step is looked for, px from the expected one, in this order; each search finds steps within 3
@@ -22,7 +22,7 @@ const NEARER_MM: f64 = 3.0;
 
 /// Looks for one mark.
 pub(super) fn observe(
-    motion: &Motion,
+    motion: &RigidF32,
     mark: &MarkPoint,
     camera: &PinholeCamera,
     scan: &Scan,

@@ -6,8 +6,8 @@
 //! steps which become brighter in the same direction. Within the possible shifts, the picture is treated as an
 //! affine map of the panel's plane about each mark.
 
-use super::grid::{Grid, Motion, camera_point};
-use super::mark_steps::MarkSteps;
+use super::edge_map::MarkSteps;
+use super::grid::{Grid, RigidF32, camera_point};
 use super::model::Model;
 use super::outline_edges::outward_px;
 use super::pieces::{ON_BLOCKS, Piece};
@@ -30,7 +30,7 @@ const MAX_STARTS: usize = 8;
 
 /// Returns the distance of a mark from the nearest step of brightness, towards its brighter side, blocks.
 pub(super) fn mark_at(
-    motion: &Motion,
+    motion: &RigidF32,
     model: &Model,
     grid: &Grid,
     steps: &MarkSteps,
@@ -50,7 +50,7 @@ pub(super) fn mark_at(
 }
 
 /// The share of the marks that lie on such a step; 0 if no marks are looked for.
-pub(super) fn marks_found(motion: &Motion, model: &Model, grid: &Grid, steps: Option<&MarkSteps>) -> f64 {
+pub(super) fn marks_found(motion: &RigidF32, model: &Model, grid: &Grid, steps: Option<&MarkSteps>) -> f64 {
     let Some(steps) = steps else { return 0.0 };
     let is_on =
         |k: &usize| mark_at(motion, model, grid, steps, *k).is_some_and(|mark| mark.residual.abs() <= ON_BLOCKS);

@@ -3,7 +3,7 @@
 //! The search needs no start value and covers all poses in the search box. The scan is downsampled ([`grid`]) and
 //! segmented into connected pieces in the box ([`pieces`]). The taught panel is aligned with these pieces at every
 //! rotation ([`search`]). The best pose hypotheses are fitted to the surface and to the outline's edges in the
-//! colour picture together ([`fit`], [`edges`]), with the borders of marks inside it (`taught_marks`,
+//! colour picture together ([`fit`], [`edges`]), with the borders of marks inside it (`print_features`,
 //! `mark_edges`), and compared with each other ([`consistency`]). The result is a [`Fit`]: the pose with its
 //! covariance, the agreement of independent starts, and the check of the camera's pose by the fixture. [`gate`]
 //! judges this evidence. [`explain`] marks the origin of a reason in the scan's picture. [`corner`] finds the
@@ -17,6 +17,7 @@ pub mod corner;
 mod correspond;
 mod covariance;
 mod deviation;
+mod edge_map;
 mod edges;
 mod error;
 mod evidence;
@@ -26,11 +27,12 @@ pub mod gate;
 mod grid;
 mod mark_edges;
 mod mark_search;
-mod mark_steps;
+mod matched_shares;
 mod model;
 mod outline_edges;
 mod pieces;
 mod point_to_point;
+mod print_features;
 mod profile;
 pub mod refine;
 mod sampling;
@@ -38,9 +40,7 @@ mod scan_errors;
 mod scatter;
 mod search;
 mod shadow;
-mod shares;
 mod solve;
-mod taught_marks;
 mod taught_model;
 mod taught_outline;
 mod taught_surface;
@@ -60,7 +60,7 @@ use consistency::{ConsistencyScore, SURFACE_NEAR_MM};
 use deviation::{BentFit, Deviation};
 use evidence::FurtherEvidence;
 use fit::{FitInputs, Fitted, Residuals, Samples};
-use grid::{Grid, Motion};
+use grid::{Grid, RigidF32};
 use model::Model;
 use nalgebra::{Rotation3, Vector3, Vector6};
 use rayon::prelude::*;
@@ -267,14 +267,14 @@ fn choose(
 /// converge.
 fn agreement_mm(fitted: &Fitted, inputs: FitInputs<'_>) -> f64 {
     let shift_mm = START_SHIFT * search::reach_mm(inputs.model);
-    let centre = Motion::from_rigid(&fitted.camera_from_panel).point(&inputs.model.centre);
+    let centre = RigidF32::from_rigid(&fitted.camera_from_panel).point(&inputs.model.centre);
     // Three starts around the result, each shifted sideways and rotated about another axis.
     let starts = [0.0, 120.0, 240.0f64].map(|turn_deg| {
         let around = Rotation3::from_axis_angle(&Vector3::z_axis(), turn_deg.to_radians());
         let shift = around * Vector3::new(shift_mm, 0.0, 0.5 * shift_mm);
         let turn = around * Vector3::new(0.0, START_TURN_RAD, START_TURN_RAD);
         let twist = Vector6::new(turn.x, turn.y, turn.z, shift.x, shift.y, shift.z);
-        solve::twisted(&fitted.camera_from_panel, &centre, &twist)
+        solve::apply_twist(&fitted.camera_from_panel, &centre, &twist)
     });
     let samples = Samples::some(inputs.model, WEIGHING_SAMPLES);
     let ends: Vec<Option<Fitted>> = starts.par_iter().map(|start| fit::fit(start, inputs, &samples)).collect();

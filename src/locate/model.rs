@@ -4,10 +4,10 @@
 //! The outline is found in the taught scan's colours and depths (`taught_outline`).
 
 use super::LocateError;
-use super::grid::{Grid, Motion, camera_point};
+use super::grid::{Grid, RigidF32, camera_point};
+use super::print_features::TaughtMarks;
 use super::scan_errors::RangeErrors;
 use super::scatter::centroid_and_normal;
-use super::taught_marks::TaughtMarks;
 use super::taught_outline::{MIN_OUTLINE, OutlinePoint, OutlineSeen, TaughtOutline};
 use super::taught_surface::Surface;
 use crate::geometry::{Camera, Panel, Pixel, Point, Rigid, Vector};
@@ -55,7 +55,7 @@ pub(super) struct Model {
 
 /// Returns the depths of the taught scan: those of its panel, or all others.
 pub(super) fn taught_grid(panel: &TaughtPanel, of_panel: bool) -> Grid {
-    let motion = Motion::from_rigid(&panel.panel_from_camera.inverse());
+    let motion = RigidF32::from_rigid(&panel.panel_from_camera.inverse());
     let depth_row = motion.turn.row(2).into_owned();
     let raw = panel.scan.raw_points_mm();
     let depth = |index: usize| {
@@ -124,15 +124,15 @@ impl Model {
     }
 
     /// Returns the sine of the angle between the taught view of the panel and its view at a pose.
-    pub fn view_change(&self, placed: &Motion) -> f64 {
-        let taught = Motion::from_rigid(&self.camera_from_panel);
-        let view = |motion: &Motion| (motion.turn.transpose() * -motion.point(&self.centre)).normalize();
+    pub fn view_change(&self, placed: &RigidF32) -> f64 {
+        let taught = RigidF32::from_rigid(&self.camera_from_panel);
+        let view = |motion: &RigidF32| (motion.turn.transpose() * -motion.point(&self.centre)).normalize();
         view(&taught).cross(&view(placed)).norm()
     }
 
     /// Returns the largest distance between the positions of the same outline point at two poses, mm.
     pub fn largest_distance_mm(&self, a: &Rigid<Camera, Panel>, b: &Rigid<Camera, Panel>) -> f64 {
-        let (a, b) = (Motion::from_rigid(a), Motion::from_rigid(b));
+        let (a, b) = (RigidF32::from_rigid(a), RigidF32::from_rigid(b));
         let apart = |sample: &OutlinePoint| (a.point(&sample.point) - b.point(&sample.point)).norm();
         self.outline.iter().step_by(4).map(apart).fold(0.0, f64::max)
     }

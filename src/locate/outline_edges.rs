@@ -1,7 +1,7 @@
 //! The scan's edge beside each point of the model's outline, with the panel assumed at a pose.
 
 use super::edges::{Edge, Tangent, edge};
-use super::grid::{Motion, Scan, camera_point};
+use super::grid::{RigidF32, Scan, camera_point};
 use super::model::Model;
 use crate::geometry::PinholeCamera;
 use nalgebra::Vector3;
@@ -17,7 +17,7 @@ pub(super) struct EdgeObservation {
 
 /// Looks for the edge beside a point of the outline.
 pub(super) fn observe(
-    motion: &Motion,
+    motion: &RigidF32,
     model: &Model,
     camera: &PinholeCamera,
     scan: &Scan,

@@ -6,7 +6,7 @@
 //! true border of every block is computed by two sweeps over the picture (8SSED: Danielsson, Comput. Graph. Image
 //! Process. 14, 1980).
 
-use super::grid::{Grid, Motion};
+use super::grid::{Grid, RigidF32};
 use super::scatter::centroid_and_normal;
 use crate::geometry::{BESIDE, Raster};
 use nalgebra::Vector3;
@@ -218,7 +218,7 @@ pub(super) fn points<'a>(
 }
 
 /// Returns a point's position in the grid of another view; `None` if the point is behind that camera.
-pub(super) fn seen_from(grid: &Grid, motion: &Motion, point: &Vector3<f64>) -> Option<(Vector3<f64>, [f64; 2])> {
+pub(super) fn seen_from(grid: &Grid, motion: &RigidF32, point: &Vector3<f64>) -> Option<(Vector3<f64>, [f64; 2])> {
     let there = motion.point(point);
     let pixel = grid.camera.project(super::grid::camera_point(&there))?;
     Some((there, grid.place(pixel)))

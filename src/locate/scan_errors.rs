@@ -2,7 +2,7 @@
 
 use crate::cell::MeasuredScanner;
 use crate::geometry::{Camera, DepthField, OrganizedCloud, Point};
-use crate::words::fixed;
+use crate::number_text::fixed;
 use std::f64::consts::SQRT_2;
 
 /// The smooth errors of scans, which many points share.

@@ -7,15 +7,15 @@
 //! points that the taught panel covers. No features are used, as a smooth panel has none. But if much of a panel
 //! with marks gives no points, the borders of marks are used, too (`mark_search`).
 
-use super::grid::{DepthReading, Grid, Motion, Scan, camera_point};
+use super::edge_map::MarkSteps;
+use super::grid::{DepthReading, Grid, RigidF32, Scan, camera_point};
 use super::mark_search::{mark_at, marks_found, starts};
-use super::mark_steps::MarkSteps;
 use super::model::Model;
 use super::outline_edges::outward_px;
 use super::pieces::{Border, ON_BLOCKS, Piece, points, seen_from};
+use super::print_features::MIN_STEP;
 use super::sampling::spread_over;
-use super::solve::{Constraint, ResidualWeighting, Sums, twisted};
-use super::taught_marks::MIN_STEP;
+use super::solve::{Constraint, ResidualWeighting, Sums, apply_twist};
 use crate::geometry::{Camera, Panel, Rigid};
 use nalgebra::{Isometry3, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
 use rayon::prelude::*;
@@ -214,7 +214,7 @@ fn move_onto(start: Rigid<Camera, Panel>, model: &Model, grid: &Grid, by: By<'_>
     let mut placed = start;
     for round in first_round..ROUNDS {
         let shrunk = SHRINK.powi(round as i32);
-        let motion = Motion::from_rigid(&placed);
+        let motion = RigidF32::from_rigid(&placed);
         let centre = motion.point(&model.centre);
         let surface = surface_at(&motion, model, grid, &on_surface);
         let line_at = |&k: &usize| match by {
@@ -227,18 +227,18 @@ fn move_onto(start: Rigid<Camera, Panel>, model: &Model, grid: &Grid, by: By<'_>
         let of_surface = ResidualWeighting { sigma: 1.0, correlated_count: 1.0, cutoff: reach_mm };
         let of_lines = ResidualWeighting { sigma: 1.0, correlated_count: 1.0, cutoff: reach_blocks };
         let sums = Sums::over(&surface, &of_surface, &centre).plus(Sums::over(&lines, &of_lines, &centre));
-        placed = twisted(&placed, &centre, &sums.twist()?);
+        placed = apply_twist(&placed, &centre, &sums.twist()?);
     }
     Some(placed)
 }
 
 /// Returns the residuals of taught surface points at a pose.
-pub(super) fn surface_at(motion: &Motion, model: &Model, grid: &Grid, chosen: &[usize]) -> Vec<Constraint> {
+pub(super) fn surface_at(motion: &RigidF32, model: &Model, grid: &Grid, chosen: &[usize]) -> Vec<Constraint> {
     chosen.iter().filter_map(|&sample| surface_residual(motion, model, grid, sample)).collect()
 }
 
 /// (1) of `grid` at one taught point; `None` if the scan shows no smooth surface, or the point faces away.
-pub(super) fn surface_residual(motion: &Motion, model: &Model, grid: &Grid, sample: usize) -> Option<Constraint> {
+pub(super) fn surface_residual(motion: &RigidF32, model: &Model, grid: &Grid, sample: usize) -> Option<Constraint> {
     let point = motion.point(&model.points[sample]);
     let normal = motion.turn * model.normals[sample];
     if normal.dot(&point) >= 0.0 {
@@ -251,7 +251,7 @@ pub(super) fn surface_residual(motion: &Motion, model: &Model, grid: &Grid, samp
 }
 
 /// Returns how far an outline's point lies outside of the nearest true border, blocks.
-fn border_at(motion: &Motion, model: &Model, grid: &Grid, border: &Border, k: usize) -> Option<Constraint> {
+fn border_at(motion: &RigidF32, model: &Model, grid: &Grid, border: &Border, k: usize) -> Option<Constraint> {
     let sample = &model.outline[k];
     let point = motion.point(&sample.point);
     if (motion.turn * sample.normal).dot(&point) >= 0.0 {
@@ -266,7 +266,7 @@ fn border_at(motion: &Motion, model: &Model, grid: &Grid, border: &Border, k: us
 }
 
 /// Are points missing just inside of the outline, so that the scan does not show whether the panel ends here?
-fn is_unknown_beside(motion: &Motion, model: &Model, grid: &Grid, k: usize) -> bool {
+fn is_unknown_beside(motion: &RigidF32, model: &Model, grid: &Grid, k: usize) -> bool {
     let sample = &model.outline[k];
     let inside = motion.point(&(sample.point - sample.outward * BESIDE_MM));
     grid.camera.project(camera_point(&inside)).is_some_and(|pixel| grid.look(pixel) == DepthReading::Nothing)
@@ -274,7 +274,7 @@ fn is_unknown_beside(motion: &Motion, model: &Model, grid: &Grid, k: usize) -> b
 
 /// Rates how well a pose explains the scan, in both directions.
 fn score(placed: &Rigid<Camera, Panel>, model: &Model, grid: &Grid, piece: &Piece, lines: &Lines<'_>) -> f64 {
-    let motion = Motion::from_rigid(placed);
+    let motion = RigidF32::from_rigid(placed);
     let chosen = spread_over(model.points.len(), SCORE_POINTS);
     let of_point = |&i: &usize| match observe_point(&motion, model, grid, i) {
         PointObservation::On(_) => 1.0,
@@ -318,7 +318,7 @@ pub(super) enum PointObservation {
 }
 
 /// Returns the observation of one taught point in the scan.
-pub(super) fn observe_point(motion: &Motion, model: &Model, grid: &Grid, sample: usize) -> PointObservation {
+pub(super) fn observe_point(motion: &RigidF32, model: &Model, grid: &Grid, sample: usize) -> PointObservation {
     let point = motion.point(&model.points[sample]);
     let normal = motion.turn * model.normals[sample];
     if normal.dot(&point) >= 0.0 {
@@ -336,9 +336,9 @@ pub(super) fn observe_point(motion: &Motion, model: &Model, grid: &Grid, sample:
 }
 
 /// Returns the share of a piece's points that the taught panel covers at a pose.
-pub(super) fn covered(motion: &Motion, model: &Model, grid: &Grid, piece: &Piece, wanted: usize) -> f64 {
+pub(super) fn covered(motion: &RigidF32, model: &Model, grid: &Grid, piece: &Piece, wanted: usize) -> f64 {
     let back = motion.inverse();
-    let taught = Motion::from_rigid(&model.camera_from_panel);
+    let taught = RigidF32::from_rigid(&model.camera_from_panel);
     let (mut asked, mut held) = (0usize, 0usize);
     for point in points(grid, piece, piece.blocks.len() / wanted) {
         asked += 1;

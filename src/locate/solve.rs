@@ -118,7 +118,7 @@ pub(super) fn spread(constraints: &[Constraint]) -> f64 {
 }
 
 /// Applies a small rotation about a point and a small shift to the transform, both in the camera's frame.
-pub(super) fn twisted(
+pub(super) fn apply_twist(
     camera_from_panel: &Rigid<Camera, Panel>,
     centre: &Vector3<f64>,
     twist: &Vector6<f64>,
@@ -142,7 +142,7 @@ mod tests {
     fn a_twist_turns_about_the_centre() {
         let twist = Vector6::new(0.0, 0.0, 0.001, 0.0, 0.0, 0.5);
         let start: Rigid<Camera, Panel> = Rigid::claim(Isometry3::identity());
-        let moved = twisted(&start, &Vector3::new(560.0, 0.0, 700.0), &twist);
+        let moved = apply_twist(&start, &Vector3::new(560.0, 0.0, 700.0), &twist);
         let point = (moved * crate::geometry::Point::at(560.0, 100.0, 700.0)).mm.coords;
         assert!((point - Vector3::new(559.9, 100.0, 700.5)).norm() < 1e-4, "{point}");
     }

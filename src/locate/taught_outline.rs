@@ -7,7 +7,7 @@
 //! is not measured and not used. Places at which the panel is held are not used either.
 
 use super::edges::{self, Edge};
-use super::grid::{Grid, Motion, Scan};
+use super::grid::{Grid, RigidF32, Scan};
 use super::profile;
 use super::taught_surface::Surface;
 use crate::geometry::{Camera, Pixel, median, polygon};
@@ -212,7 +212,7 @@ impl OutlineContext<'_> {
         let along = (along - normal * normal.dot(&along)).try_normalize(1e-9)?;
         // In the camera's frame, v also points down, so the side is the same.
         let outward = along.cross(&normal) * -self.side;
-        let panel_from_camera = Motion::from_rigid(&self.panel.panel_from_camera);
+        let panel_from_camera = RigidF32::from_rigid(&self.panel.panel_from_camera);
         let turned = |direction: Vector3<f64>| panel_from_camera.turn * direction;
         Some(OutlinePoint {
             point: panel_from_camera.point(&here),

@@ -3,7 +3,7 @@
 //! Each part comes with a receipt, with which the broker is notified once the whole is kept. A part that comes
 //! again brings a new receipt, which replaces the former one. So an item that never becomes whole does not grow.
 
-use super::chunk::{Chunk, What};
+use super::chunk::{Chunk, ChunkOwner};
 use super::error::OfficeError;
 use crate::cell::CellName;
 use crate::files::content_hash;
@@ -17,8 +17,8 @@ const MAX_BYTES: usize = 512 << 20;
 pub struct Assembled<R> {
     /// The cell that sent the data.
     pub cell: CellName,
-    /// What.
-    pub what: What,
+    /// ChunkOwner.
+    pub what: ChunkOwner,
     /// The bytes of the item. If it is a file, the hash of the bytes is the name of the file.
     pub bytes: Vec<u8>,
     /// The receipts of all parts.
@@ -37,7 +37,7 @@ pub struct Unfit<R> {
 /// The messages and files that are not complete yet.
 #[derive(Debug)]
 pub struct Assembly<R> {
-    begun: BTreeMap<(CellName, What), Begun<R>>,
+    begun: BTreeMap<(CellName, ChunkOwner), Begun<R>>,
     bytes: usize,
     turn: u64,
 }
@@ -94,7 +94,7 @@ impl<R> Assembly<R> {
         let Some(whole) = self.forget(&key) else { return Ok(None) };
         let (bytes, receipts): (Vec<Vec<u8>>, Vec<R>) = whole.parts.into_iter().flatten().unzip();
         let bytes = bytes.concat();
-        if let What::File(stated) = &key.1 {
+        if let ChunkOwner::File(stated) = &key.1 {
             let found = content_hash(&bytes);
             if found != *stated {
                 let problem = format!("its SHA-256 is {found}, it was named {stated}");
@@ -105,13 +105,13 @@ impl<R> Assembly<R> {
         Ok(Some(Assembled { cell, what, bytes, receipts }))
     }
 
-    fn forget(&mut self, key: &(CellName, What)) -> Option<Begun<R>> {
+    fn forget(&mut self, key: &(CellName, ChunkOwner)) -> Option<Begun<R>> {
         let begun = self.begun.remove(key)?;
         self.bytes -= begun.bytes();
         Some(begun)
     }
 
-    fn keep_small(&mut self, newest: &(CellName, What)) {
+    fn keep_small(&mut self, newest: &(CellName, ChunkOwner)) {
         while self.bytes > MAX_BYTES {
             let others = self.begun.iter().filter(|(key, _)| *key != newest);
             let Some(oldest) = others.min_by_key(|(_, begun)| begun.turn).map(|(key, _)| key.clone()) else {

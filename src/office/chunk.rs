@@ -18,7 +18,7 @@ const HEAD_BYTES: usize = 1_024;
 
 /// The message or the file to which a part belongs.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum What {
+pub enum ChunkOwner {
     /// Of a [`Message`](super::Message).
     Message(Position),
     /// The file with this SHA-256.
@@ -31,7 +31,7 @@ pub struct Chunk {
     /// The cell that sends the part.
     pub cell: CellName,
     /// Of what.
-    pub what: What,
+    pub what: ChunkOwner,
     /// Number of the part, from 1.
     pub part: u32,
     /// Of how many.
@@ -57,7 +57,7 @@ struct Head {
 ///
 /// # Errors
 /// If this gives too many parts.
-pub fn chunks(cell: &CellName, what: &What, bytes: &[u8]) -> Result<Vec<Chunk>, OfficeError> {
+pub fn chunks(cell: &CellName, what: &ChunkOwner, bytes: &[u8]) -> Result<Vec<Chunk>, OfficeError> {
     let count = bytes.len().div_ceil(PART_BYTES).max(1);
     let allowed = || OfficeError::Large { found: format!("{count} parts"), allowed: format!("{MAX_PARTS} parts") };
     let parts = u32::try_from(count).ok().filter(|parts| *parts <= MAX_PARTS).ok_or_else(allowed)?;
@@ -75,8 +75,8 @@ impl Chunk {
     pub fn message_id(&self, again: u64) -> String {
         let Chunk { cell, what, part, .. } = self;
         let name = match what {
-            What::Message(Position { epoch, number }) => format!("{cell}/{epoch}/{number}/{part}"),
-            What::File(hash) => format!("{cell}/file/{hash}/{part}"),
+            ChunkOwner::Message(Position { epoch, number }) => format!("{cell}/{epoch}/{number}/{part}"),
+            ChunkOwner::File(hash) => format!("{cell}/file/{hash}/{part}"),
         };
         if again == 0 { name } else { format!("{name}/{again}") }
     }
@@ -87,8 +87,8 @@ impl Chunk {
     /// If JSON cannot represent the line.
     pub fn bytes(&self) -> Result<Vec<u8>, OfficeError> {
         let (position, file) = match &self.what {
-            What::Message(position) => (Some(position.clone()), None),
-            What::File(hash) => (None, Some(hash.clone())),
+            ChunkOwner::Message(position) => (Some(position.clone()), None),
+            ChunkOwner::File(hash) => (None, Some(hash.clone())),
         };
         let cell = self.cell.as_str().to_owned();
         let head = Head { form: FORM.to_owned(), cell, position, file, part: self.part, parts: self.parts };
@@ -113,11 +113,11 @@ impl Chunk {
         let what = match (head.position, head.file) {
             (Some(position), None) => {
                 is_epoch(&position.epoch).map_err(wrong)?;
-                What::Message(position)
+                ChunkOwner::Message(position)
             }
             (None, Some(hash)) => {
                 is_hash(&hash).map_err(wrong)?;
-                What::File(hash)
+                ChunkOwner::File(hash)
             }
             _ => return Err(wrong("it is of a message or of a file, never of both or of none".to_owned())),
         };

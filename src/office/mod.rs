@@ -28,7 +28,7 @@ pub use archive_settings::{ArchiveSettings, Database, FleetPage};
 pub use assembly::{Assembled, Assembly, Unfit};
 pub use body::{Body, CycleEnd, Envelope, NamedFile, VerificationSeen};
 pub use cell_state::{CellState, ReasonText};
-pub use chunk::{Chunk, What, chunks};
+pub use chunk::{Chunk, ChunkOwner, chunks};
 pub use compare::{Compared, compare};
 pub use error::OfficeError;
 pub use message::Message;

@@ -41,7 +41,7 @@ impl RecipeOffer {
 
     fn checked(self) -> Result<Self, OfficeError> {
         for (what, text) in [("name", &self.by), ("reason", &self.why)] {
-            crate::words::printable(text, MAX_CHARACTERS)
+            crate::number_text::printable(text, MAX_CHARACTERS)
                 .map_err(|problem| OfficeError::form("offer of a recipe", format!("its {what}: {problem}")))?;
         }
         match self.text.len() {

@@ -96,7 +96,7 @@ fn a_statement_that_somebody_else_wrote_is_refused() {
 #[test]
 fn a_large_message_comes_in_parts_in_any_order_and_twice() {
     let bytes: Vec<u8> = (0..1_300_000_u32).map(|index| (index % 251) as u8).collect();
-    let what = What::File(crate::files::content_hash(&bytes));
+    let what = ChunkOwner::File(crate::files::content_hash(&bytes));
     let parts = chunks(&cell(), &what, &bytes).expect("parts");
     assert_eq!(parts.iter().map(|part| part.bytes.len()).collect::<Vec<_>>(), [524_288, 524_288, 251_424]);
     let mut assembly = Assembly::default();
@@ -112,7 +112,7 @@ fn a_large_message_comes_in_parts_in_any_order_and_twice() {
 
 #[test]
 fn parts_that_contradict_one_another_are_refused_and_forgotten() {
-    let what = What::Message(at(3));
+    let what = ChunkOwner::Message(at(3));
     let part = |part, parts| Chunk { cell: cell(), what: what.clone(), part, parts, bytes: vec![1] };
     let mut assembly = Assembly::default();
     assert_eq!(assembly.add(part(1, 2), "first"), Ok(None));
@@ -120,7 +120,7 @@ fn parts_that_contradict_one_another_are_refused_and_forgotten() {
     assert_eq!(unfit.error, OfficeError::Parts { part: 1, found: 3, before: 2 });
     assert_eq!(unfit.receipts, ["first", "second"], "neither is waited for");
     assert_eq!(assembly.add(part(1, 3), "third"), Ok(None), "it begins anew");
-    let wrong = Chunk { what: What::File("ab".repeat(32)), ..part(1, 1) };
+    let wrong = Chunk { what: ChunkOwner::File("ab".repeat(32)), ..part(1, 1) };
     let unfit = assembly.add(wrong, "file").expect_err("another content");
     assert!(unfit.error.to_string().contains("it was named abab") && unfit.receipts == ["file"]);
 }
@@ -195,7 +195,7 @@ proptest! {
     #[test]
     fn a_part_reads_back(number in 1_u64..1 << 40, part in 1_u32..=4_096, more in 0_u32..4_096, bytes in proptest::collection::vec(any::<u8>(), 0..300)) {
         let parts = (part + more).min(4_096);
-        let chunk = Chunk { cell: cell(), what: What::Message(at(number)), part, parts, bytes };
+        let chunk = Chunk { cell: cell(), what: ChunkOwner::Message(at(number)), part, parts, bytes };
         prop_assert_eq!(Chunk::read(&chunk.bytes().expect("bytes")), Ok(chunk));
     }
 }
@@ -203,7 +203,7 @@ proptest! {
 /// A broker drops data with a known name, so data that the office lost would never arrive again.
 #[test]
 fn what_is_sent_again_has_another_name() {
-    let part = chunks(&cell(), &What::Message(at(3)), b"x").expect("parts").remove(0);
+    let part = chunks(&cell(), &ChunkOwner::Message(at(3)), b"x").expect("parts").remove(0);
     assert_eq!(part.message_id(0), format!("cell-1/{EPOCH}/3/1"));
     let mut progress = Progress::default();
     progress.on_archived(EPOCH, 5, 9);

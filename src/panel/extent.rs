@@ -157,7 +157,7 @@ impl SearchArea<'_> {
         };
         let least = (MIN_PIECE_SHARE * largest.len() as f64) as usize;
         let parts = pieces.iter().filter(|piece| piece.len() >= least);
-        let on_one_surface = super::sheet::on_one_surface(self.scan, largest, parts);
+        let on_one_surface = super::connected_pieces::on_one_surface(self.scan, largest, parts);
         Ok(segment::mask_of(self.scan, &on_one_surface))
     }
 }

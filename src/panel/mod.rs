@@ -5,6 +5,7 @@
 //! new scan. This module does not determine where the panel is now: see `locate`.
 
 mod box_cut;
+mod connected_pieces;
 mod corner;
 mod error;
 mod extent;
@@ -13,7 +14,6 @@ pub(crate) mod flat;
 mod off_panel;
 mod region;
 pub mod segment;
-mod sheet;
 mod taught;
 
 pub use box_cut::BoxCut;

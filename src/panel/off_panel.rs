@@ -8,8 +8,8 @@ use super::extent::OutlineFrom;
 use super::region::GridId;
 use super::taught::TaughtPanel;
 use crate::geometry::{Mask, Panel, Pixel, Point, Raster, polygon};
+use crate::number_text::fixed;
 use crate::verdict::Reason;
-use crate::words::fixed;
 use nalgebra::Point2;
 
 /// The outline is known to a few pixels: a region that extends beyond it by at most this distance follows the edge,

@@ -1,9 +1,9 @@
 //! The taught panel, derived from one scan at the nominal pose and from the recipe.
 
+use super::connected_pieces::Sheet;
 use super::error::{LearnError, MAX_HALF_WIDTH_PX};
 use super::extent::{self, Extent, OutlineFrom};
 use super::region::{GridId, Region};
-use super::sheet::Sheet;
 use crate::geometry::{
     Base, Camera, Mask, OrganizedCloud, Panel, PinholeCamera, Pixel, Plane, Point, Rigid, local_plane_of, polygon,
 };

@@ -13,7 +13,7 @@ use super::piece::Piece;
 use crate::geometry::{Panel, Point};
 use crate::panel::{GridId, Region};
 use crate::recipe;
-use crate::surface::{BSplineSurface, Net, Parameter, Patch, Spread};
+use crate::surface::{BSplineSurface, Parameter, Patch, SampleGrid, Spread};
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
@@ -107,7 +107,7 @@ fn lines(surface: &BSplineSurface, piece: &Piece, radius_mm: f64) -> Vec<Option<
 
 /// Places spread evenly over a grid.
 struct Places {
-    net: Net,
+    net: SampleGrid,
     points: Vec<Point<Panel>>,
     /// Area of the surface at each place, mm².
     area_mm2: Vec<f64>,
@@ -115,7 +115,7 @@ struct Places {
 
 impl Places {
     fn new(surface: &BSplineSurface, patch: Patch, spacing_mm: f64) -> Self {
-        let net = Net::over(surface, patch, spacing_mm);
+        let net = SampleGrid::over(surface, patch, spacing_mm);
         let place = |index: usize| {
             let tangents = surface.tangents(net.at(index));
             (tangents.point, tangents.area_mm2() * net.cell())

@@ -9,10 +9,10 @@ use super::coverage::{GridCoverage, MIN_COVERAGE};
 use super::planned::{Plan, ToolPath, Waypoint};
 use super::waypoint_gate::{Route, WaypointLimits, broken_by_route};
 use crate::geometry::{Base, Degrees, Panel, Rigid, Tool, Vector};
+use crate::number_text::{apart, fixed, percent_apart};
 use crate::recipe;
 use crate::record::name;
 use crate::verdict::{Check, Judgement, SetBy, Severity};
-use crate::words::{apart, fixed, percent_apart};
 use nalgebra::{Isometry3, Vector3};
 
 /// Largest turn of the tool from one waypoint to the next.

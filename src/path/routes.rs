@@ -11,9 +11,9 @@ use super::reach::{Leg, Obstacles, ReachFault, between, follow, retracts};
 use super::waypoint_gate::{Route, WaypointLimits, broken_by_route};
 use crate::cell::{self, Limits};
 use crate::geometry::{Base, Degrees, Flange, Joints, KukaPose, Panel, Rigid, Tool, Vector};
+use crate::number_text::apart;
 use crate::recipe;
 use crate::verdict::{Check, Judgement, Reason, Severity, Verdict};
-use crate::words::apart;
 use nalgebra::Vector3;
 use std::sync::Arc;
 

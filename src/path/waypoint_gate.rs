@@ -8,8 +8,8 @@
 
 use crate::cell::{Limits, Workspace};
 use crate::geometry::{Base, Degrees, Joints, Rigid, Tool, Vector};
+use crate::number_text::{apart, list, plain};
 use crate::verdict::{Check, Judgement, SetBy, Severity};
-use crate::words::{apart, list, plain};
 
 /// The limits of a path.
 #[derive(Debug, Clone, Copy, PartialEq)]

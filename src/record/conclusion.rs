@@ -12,10 +12,10 @@
 //! A request states the number of findings on which it was decided ([`RequestRecord::findings`]), so that the order
 //! is on the record.
 
-use super::{Answer, CycleId, Finding, Kind, RequestRecord, Wanted};
+use super::{Answer, CycleId, Finding, Kind, RequestRecord, RequestedAction};
 use crate::cycle::Request;
+use crate::number_text::utc;
 use crate::verdict::{Judgement, Reason, Verdict};
-use crate::words::utc;
 
 /// The effect of a finding on its cycle's verdict.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,8 +35,8 @@ impl Disposition<'_> {
     pub fn words(self) -> Option<String> {
         let decided = |asked: &RequestRecord| {
             let what = match asked.wanted {
-                Wanted::For(Request::Unhold { dried: true }) => "measured again on the dried panel",
-                Wanted::For(Request::Unhold { dried: false }) => "continued",
+                RequestedAction::For(Request::Unhold { dried: true }) => "measured again on the dried panel",
+                RequestedAction::For(Request::Unhold { dried: false }) => "continued",
                 _ => "accepted",
             };
             let who = asked.who.as_ref().map_or("not recorded".to_owned(), ToString::to_string);
@@ -80,7 +80,7 @@ fn disposition<'a>(index: usize, findings: &[Finding], asked: &'a [RequestRecord
 
 /// Returns whether a person decided by this request on the finding with this index.
 fn decides(asked: &RequestRecord, index: usize) -> bool {
-    let wanted = matches!(asked.wanted, Wanted::For(Request::Accept | Request::Unhold { .. }));
+    let wanted = matches!(asked.wanted, RequestedAction::For(Request::Accept | Request::Unhold { .. }));
     let is_later = asked.findings.is_some_and(|kept| u64::try_from(index).is_ok_and(|index| index < kept));
     wanted && asked.answer == Some(Answer::Done) && is_later
 }

@@ -10,7 +10,7 @@ pub struct RequestRecord {
     /// Time of the request, ms since 1970.
     pub unix_ms: i64,
     /// What was wanted.
-    pub wanted: Wanted,
+    pub wanted: RequestedAction,
     /// The sender; `None` if it was not recorded.
     pub who: Option<Who>,
     /// The result; `None` if it was not recorded: the program ended before, or it was an earlier one.
@@ -26,7 +26,7 @@ pub struct RequestRecord {
 /// What was wanted.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Wanted {
+pub enum RequestedAction {
     /// A request on which the cycle's state table decides.
     For(Request),
     /// A request to record that a new disc was mounted.
@@ -42,7 +42,7 @@ pub enum Wanted {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Who {
     /// By which way.
-    pub front: Front,
+    pub front: RequestSource,
     /// The number of the user of the operating system; `None` if it is not known.
     pub uid: Option<u32>,
     /// The user's name; `None` if the system has no name for the number.
@@ -52,7 +52,7 @@ pub struct Who {
 /// The way by which a request came.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Front {
+pub enum RequestSource {
     /// The service's socket, as `panelprep ctl` uses it.
     Socket,
     /// The operator's page.
@@ -85,7 +85,7 @@ pub enum Answer {
 
 impl Who {
     /// Returns a sender by this way of whom nothing else is known.
-    pub fn by(front: Front) -> Self {
+    pub fn by(front: RequestSource) -> Self {
         Who { front, uid: None, user: None }
     }
 }
@@ -93,24 +93,26 @@ impl Who {
 impl std::fmt::Display for Who {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let by = match self.front {
-            Front::Socket => "through the service's socket",
-            Front::Page => {
+            RequestSource::Socket => "through the service's socket",
+            RequestSource::Page => {
                 return match &self.user {
                     Some(user) => write!(f, "{user}, on the operator's page"),
                     None => f.write_str("a person who was not logged in, on the operator's page"),
                 };
             }
-            Front::OpcUa => {
+            RequestSource::OpcUa => {
                 return match &self.user {
                     Some(user) => write!(f, "{user}, through OPC UA"),
                     None => f.write_str("a client that was not logged in, through OPC UA"),
                 };
             }
-            Front::Command => "who ran the command",
-            Front::Sparkplug => return f.write_str("a host application by MQTT Sparkplug; which one is not known"),
-            Front::Line => return f.write_str("the line, by its digital signals"),
-            Front::Signal => return f.write_str("a signal to the program; who sent it is not known"),
-            Front::Program => return f.write_str("the program itself"),
+            RequestSource::Command => "who ran the command",
+            RequestSource::Sparkplug => {
+                return f.write_str("a host application by MQTT Sparkplug; which one is not known");
+            }
+            RequestSource::Line => return f.write_str("the line, by its digital signals"),
+            RequestSource::Signal => return f.write_str("a signal to the program; who sent it is not known"),
+            RequestSource::Program => return f.write_str("the program itself"),
         };
         match (&self.user, self.uid) {
             (Some(user), Some(uid)) => write!(f, "{user} (user {uid}), {by}"),

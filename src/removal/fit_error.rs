@@ -1,6 +1,6 @@
 //! The conditions under which coupons determine a model, and the reasons why some do not.
 
-use crate::words::{apart, fixed};
+use crate::number_text::{apart, fixed};
 
 /// Smallest number of coupons: two for the two numbers, and four more to show how well they are known.
 pub const MIN_COUPONS: usize = 6;

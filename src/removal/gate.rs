@@ -3,8 +3,8 @@
 use super::coupons::Coupon;
 use super::fit::Fitted;
 use super::model::MM2_PER_M2;
+use crate::number_text::{apart, fixed};
 use crate::verdict::{Check, SetBy};
-use crate::words::{apart, fixed};
 
 /// Above the first bound a person must review; above the second bound the model is rejected.
 type Bounds = [f64; 2];

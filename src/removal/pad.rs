@@ -36,7 +36,7 @@ pub struct Pad {
 
 /// The position of the surface below the disc, in the tangent plane at the disc's middle.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Seat {
+pub struct ContactGeometry {
     /// Additional depth of the disc per mm along x and y.
     pub tilt: Vector2<f64>,
     /// Curvature of the surface, 1/mm, positive if it bends away.
@@ -44,7 +44,7 @@ pub struct Seat {
 }
 
 /// Returns whether there is panel at this offset from the disc's middle, mm.
-pub type Below<'a> = &'a dyn Fn(Vector2<f64>) -> bool;
+pub type SupportMask<'a> = &'a dyn Fn(Vector2<f64>) -> bool;
 
 /// A disc in contact.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -52,15 +52,15 @@ pub struct Contact {
     /// The pad.
     pub pad: Pad,
     /// The surface on which the disc lies.
-    pub seat: Seat,
+    pub seat: ContactGeometry,
     /// Compression in the disc's middle, δ, mm; below 0 if a tilted disc does not touch there.
     pub depth_mm: f64,
 }
 
-impl Seat {
+impl ContactGeometry {
     /// Returns the seat on a level plane.
     pub fn level() -> Self {
-        Seat { tilt: Vector2::zeros(), curvature_per_mm: Matrix2::zeros() }
+        ContactGeometry { tilt: Vector2::zeros(), curvature_per_mm: Matrix2::zeros() }
     }
 
     /// Returns the depth of the disc at an offset minus the depth in its middle, mm.
@@ -77,7 +77,7 @@ impl Pad {
 
     /// Returns the contact that bears this force, N. `below` states where there is panel; without it there is panel
     /// everywhere. `None` if there is no panel below the disc, or no force.
-    pub fn under(&self, force_n: f64, seat: Seat, below: Option<Below<'_>>) -> Option<Contact> {
+    pub fn under(&self, force_n: f64, seat: ContactGeometry, below: Option<SupportMask<'_>>) -> Option<Contact> {
         if !(force_n > 0.0 && force_n.is_finite()) {
             return None;
         }
@@ -94,7 +94,7 @@ impl Pad {
     }
 
     /// Returns δ if the contact is an ellipse inside the disc; `None` if it is not.
-    fn inner_depth_mm(&self, force_n: f64, seat: Seat) -> Option<f64> {
+    fn inner_depth_mm(&self, force_n: f64, seat: ContactGeometry) -> Option<f64> {
         let bend = seat.curvature_per_mm;
         let least_bend = bend.symmetric_eigenvalues().min();
         let middle_mm = if least_bend > 0.0 { bend.try_inverse()? * seat.tilt } else { return None };
@@ -105,14 +105,14 @@ impl Pad {
 
     /// Returns whether the whole disc is in contact at this depth. The largest reductions by tilt and by bend are
     /// added: a safe bound.
-    fn is_whole(&self, seat: Seat, depth_mm: f64) -> bool {
+    fn is_whole(&self, seat: ContactGeometry, depth_mm: f64) -> bool {
         let (radius_mm, bends) = (self.radius_mm, seat.curvature_per_mm.symmetric_eigenvalues());
         let fall_mm = 0.5 * radius_mm * radius_mm * bends.max().max(0.0);
         depth_mm - seat.tilt.norm() * radius_mm - fall_mm > 0.0
     }
 
     /// Calculates δ by summing over the places that have panel below them.
-    fn summed_depth_mm(&self, force_n: f64, seat: Seat, below: Option<Below<'_>>) -> Option<f64> {
+    fn summed_depth_mm(&self, force_n: f64, seat: ContactGeometry, below: Option<SupportMask<'_>>) -> Option<f64> {
         let deeper_mm: Vec<f64> = self
             .places()
             .filter(|place| below.is_none_or(|below| below(*place)))
@@ -180,15 +180,15 @@ mod tests {
         places.filter(|place| below(*place)).map(|place| contact.pressure_n_mm2(place) * side * side).sum()
     }
 
-    fn bent(k1: f64, k2: f64) -> Seat {
-        Seat { curvature_per_mm: Matrix2::new(k1, 0.0, 0.0, k2), ..Seat::level() }
+    fn bent(k1: f64, k2: f64) -> ContactGeometry {
+        ContactGeometry { curvature_per_mm: Matrix2::new(k1, 0.0, 0.0, k2), ..ContactGeometry::level() }
     }
 
     /// Calculated by hand: 20 N over π · 15² = 706.86 mm² is 0.028 294 N/mm², which compresses a pad of 0.05 N/mm³
     /// by 0.565 88 mm.
     #[test]
     fn a_level_disc_bears_its_force_evenly() {
-        let contact = PAD.under(20.0, Seat::level(), None).expect("contact");
+        let contact = PAD.under(20.0, ContactGeometry::level(), None).expect("contact");
         assert!((contact.depth_mm - 0.565_884).abs() < 1e-6, "{}", contact.depth_mm);
         for place in [Vector2::zeros(), Vector2::new(14.9, 0.0), Vector2::new(-8.0, 9.0)] {
             assert!((contact.pressure_n_mm2(place) - 0.028_294_2).abs() < 1e-7);
@@ -216,7 +216,7 @@ mod tests {
     /// = c₀ − ½ · 0.02 · 1.6. The sum gives the same result.
     #[test]
     fn an_ellipse_inside_of_the_disc_is_closed() {
-        let seat = Seat { tilt: Vector2::new(0.02, 0.0), ..bent(1.0 / 80.0, 1.0 / 60.0) };
+        let seat = ContactGeometry { tilt: Vector2::new(0.02, 0.0), ..bent(1.0 / 80.0, 1.0 / 60.0) };
         let found_mm = PAD.inner_depth_mm(5.0, seat).expect("inside");
         assert!((found_mm - 0.661_8).abs() < 1e-4, "{found_mm}");
         let summed_mm = PAD.summed_depth_mm(5.0, seat, None).expect("a sum");
@@ -229,17 +229,20 @@ mod tests {
     /// nothing below the disc there is no contact.
     #[test]
     fn what_hangs_over_bears_nothing() {
-        let half = PAD.under(20.0, Seat::level(), Some(&|place| place.x < 0.0)).expect("contact");
+        let half = PAD.under(20.0, ContactGeometry::level(), Some(&|place| place.x < 0.0)).expect("contact");
         assert!((half.depth_mm / (2.0 * 0.565_884) - 1.0).abs() < 0.001, "{}", half.depth_mm);
-        assert_eq!(PAD.under(20.0, Seat::level(), Some(&|_| false)), None);
-        assert_eq!([0.0, -1.0, f64::NAN].map(|force_n| PAD.under(force_n, Seat::level(), None)), [None; 3]);
+        assert_eq!(PAD.under(20.0, ContactGeometry::level(), Some(&|_| false)), None);
+        assert_eq!(
+            [0.0, -1.0, f64::NAN].map(|force_n| PAD.under(force_n, ContactGeometry::level(), None)),
+            [None; 3]
+        );
     }
 
     /// By hand: tilted by 0.1 the disc touches on one side only. If the whole disc were pressed, c would be 0.566 −
     /// 1.5 at the rim.
     #[test]
     fn a_tilted_disc_lifts_on_one_side_and_never_pulls() {
-        let seat = Seat { tilt: Vector2::new(0.1, 0.0), ..Seat::level() };
+        let seat = ContactGeometry { tilt: Vector2::new(0.1, 0.0), ..ContactGeometry::level() };
         let contact = PAD.under(20.0, seat, None).expect("contact");
         assert_eq!(contact.pressure_n_mm2(Vector2::new(-14.0, 0.0)), 0.0);
         assert!(contact.pressure_n_mm2(Vector2::new(14.0, 0.0)) > 0.05);
@@ -253,7 +256,7 @@ mod tests {
             force in 2.0..60.0f64, k1 in -0.004..0.01f64, k2 in -0.004..0.01f64, tilt in -0.05..0.05f64,
             edge in -9.0..15.0f64, turn in 0.0..6.3f64,
         ) {
-            let seat = Seat { tilt: Vector2::new(tilt, -0.5 * tilt), ..bent(k1, k2) };
+            let seat = ContactGeometry { tilt: Vector2::new(tilt, -0.5 * tilt), ..bent(k1, k2) };
             let below = |place: Vector2<f64>| place.x * turn.cos() + place.y * turn.sin() < edge;
             let contact = PAD.under(force, seat, Some(&below)).expect("contact");
             let borne = borne_n(&contact, below);

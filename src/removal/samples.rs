@@ -3,7 +3,7 @@
 use super::track::{Ground, Stretch};
 use crate::geometry::{Panel, Point};
 use crate::panel::{GridId, Region};
-use crate::surface::{BSplineSurface, Net, Parameter, Patch};
+use crate::surface::{BSplineSurface, Parameter, Patch, SampleGrid};
 
 /// Parameter lines are not quite straight below a disc, so the search extends farther by this factor.
 const FARTHER: f64 = 1.05;
@@ -13,7 +13,7 @@ const FARTHER: f64 = 1.05;
 pub struct Samples {
     /// The grid.
     pub id: GridId,
-    net: Net,
+    net: SampleGrid,
     points: Vec<Point<Panel>>,
     /// Surface of each, mm²; 0 if there is no panel.
     pub area_mm2: Vec<f64>,
@@ -27,7 +27,7 @@ impl Samples {
         (id, spacing_mm): (GridId, f64),
         ground: Ground<'_>,
     ) -> Option<Self> {
-        let net = Net::over(surface, Patch::of_grid(region, id)?, spacing_mm);
+        let net = SampleGrid::over(surface, Patch::of_grid(region, id)?, spacing_mm);
         let place = |index: usize| {
             let at = net.at(index);
             let tangents = surface.tangents(at);

@@ -123,14 +123,14 @@ fn positive_part([c0, c1, c2]: [f64; 3], [a, b]: [f64; 2]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::pad::{Pad, Seat};
+    use super::super::pad::{ContactGeometry, Pad};
     use super::*;
     use nalgebra::Matrix2;
     use proptest::prelude::*;
 
     const PAD: Pad = Pad { radius_mm: 15.0, stiffness_n_mm3: 0.05 };
 
-    fn stroke(seat: Seat, orbit_radius_mm: f64) -> Stroke {
+    fn stroke(seat: ContactGeometry, orbit_radius_mm: f64) -> Stroke {
         let contact = PAD.under(20.0, seat, None).expect("contact");
         Stroke::new(contact, [Vector2::new(-40.0, 0.0), Vector2::new(40.0, 0.0)], (orbit_radius_mm, 0))
     }
@@ -139,7 +139,7 @@ mod tests {
     /// middle for 24, a place 15 mm beside it never; p = 0.028 294 2 N/mm².
     #[test]
     fn a_place_is_pressed_for_its_chord() {
-        let level = stroke(Seat::level(), 0.0);
+        let level = stroke(ContactGeometry::level(), 0.0);
         for (y, chord_mm) in [(0.0, 30.0), (9.0, 24.0), (-9.0, 24.0), (15.0, 0.0)] {
             let found = level.mean_pressure_n_mm2(Vector2::new(3.0, y));
             assert!((found - 0.028_294_2 * chord_mm / 80.0).abs() < 1e-7, "{y}: {found}");
@@ -155,7 +155,7 @@ mod tests {
     /// By hand: the orbit spreads pressure beyond the rim, and reduces it by as much inside the rim.
     #[test]
     fn the_orbit_spreads_the_rim() {
-        let [sharp, spread] = [0.0, 2.5].map(|radius_mm| stroke(Seat::level(), radius_mm));
+        let [sharp, spread] = [0.0, 2.5].map(|radius_mm| stroke(ContactGeometry::level(), radius_mm));
         let at = |stroke: &Stroke, y: f64| stroke.mean_pressure_n_mm2(Vector2::new(0.0, y));
         assert!(at(&sharp, 16.0) == 0.0 && at(&spread, 16.0) > 0.0 && at(&spread, 14.0) < at(&sharp, 14.0));
         let sum = |stroke: &Stroke| (-200..=200).map(|n| at(stroke, f64::from(n) * 0.1)).sum::<f64>();
@@ -181,7 +181,7 @@ mod tests {
         fn a_stroke_is_many_still_discs(
             k1 in -0.004..0.01f64, k2 in -0.004..0.01f64, tilt in -0.05..0.05f64, x in -60.0..60.0f64, y in -16.0..16.0f64,
         ) {
-            let seat = Seat { tilt: Vector2::new(tilt, tilt), curvature_per_mm: Matrix2::new(k1, 0.001, 0.001, k2) };
+            let seat = ContactGeometry { tilt: Vector2::new(tilt, tilt), curvature_per_mm: Matrix2::new(k1, 0.001, 0.001, k2) };
             let stroke = stroke(seat, 0.0);
             let place = Vector2::new(x, y);
             let at = |n: i32| Vector2::new(-40.0 + 80.0 * (f64::from(n) + 0.5) / 8_000.0, 0.0);

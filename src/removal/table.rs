@@ -3,7 +3,7 @@
 //! Every problem is reported with its line and column; a table with a problem is not used.
 
 use super::coupons::{Coupon, Lines};
-use crate::words::plain;
+use crate::number_text::plain;
 use csv::{ReaderBuilder, StringRecord, Trim};
 use std::ops::RangeInclusive;
 

@@ -5,7 +5,7 @@
 //! is meant to be in contact is so if its point is not higher above the surface than `dwell` states. The area that
 //! the disc has swept grows by its diameter on the way, as the store counts it.
 
-use super::pad::{Below, Pad, Seat};
+use super::pad::{ContactGeometry, Pad, SupportMask};
 use super::speed::Orbit;
 use super::stroke::Stroke;
 use super::tangent_frame::TangentFrame;
@@ -82,7 +82,8 @@ pub fn stretches(
             let ends = [at(step as f64), at(step as f64 + 1.0)];
             let Some(frame) = touched(surface, &mut guess, at(step as f64 + 0.5)) else { continue };
             let tool = pair[if 2 * step < count as usize { 0 } else { 1 }].panel_from_tool;
-            let seat = frame.tilt(&tool).map(|tilt| Seat { tilt, curvature_per_mm: frame.curvature_per_mm });
+            let seat =
+                frame.tilt(&tool).map(|tilt| ContactGeometry { tilt, curvature_per_mm: frame.curvature_per_mm });
             let pressed = seat.and_then(|seat| contact(&frame, seat, (disc, force_n), ground));
             if let Some(contact) = pressed {
                 let ends_mm = ends.map(|end| frame.offset_mm(end));
@@ -114,7 +115,7 @@ fn touched(surface: &BSplineSurface, guess: &mut Parameter, point: Point<Panel>)
 /// Calculates the contact at a frame; parts of the disc beyond the panel carry no force.
 fn contact(
     frame: &TangentFrame,
-    seat: Seat,
+    seat: ContactGeometry,
     (disc, force_n): (&Disc, f64),
     ground: Ground<'_>,
 ) -> Option<super::pad::Contact> {
@@ -125,7 +126,7 @@ fn contact(
     };
     let is_whole =
         has_panel(Vector2::zeros()) && (0..RIM_SAMPLES).all(|index| look(index, 1.0) && look(index, 0.5));
-    let below: Below<'_> = &has_panel;
+    let below: SupportMask<'_> = &has_panel;
     disc.pad.under(force_n, seat, (!is_whole).then_some(below))
 }
 

@@ -1,6 +1,6 @@
 //! The axis of a chart: the values written beside it, and the place of a value.
 
-use crate::words::plain;
+use crate::number_text::plain;
 
 /// An axis from its lowest to its highest value, over a length in the chart.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,8 +1,8 @@
 //! Checks as rows of a page: the number with its unit, its limit, and the source of the limit.
 
 use super::page::Row;
+use crate::number_text::{apart, fixed, plain};
 use crate::verdict::{Check, Limit, SetBy};
-use crate::words::{apart, fixed, plain};
 
 pub(super) const NOT_MEASURED: &str = "not measured";
 

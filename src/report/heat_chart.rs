@@ -2,7 +2,7 @@
 //! time after which it broke. The shade repeats the number.
 
 use crate::history::{HeatCell, HeatMap};
-use crate::words::fixed;
+use crate::number_text::fixed;
 use maud::{Markup, html};
 
 /// Number of shades, without the shade of a grid that never broke.

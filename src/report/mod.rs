@@ -1,14 +1,14 @@
 //! Pictures and pages that show results to people. No decision depends on the calculations in this module.
 
 mod axis;
-mod bars;
+mod bar_chart;
 mod calibration;
 pub mod canvas;
 mod checks;
 mod closeup;
 mod cycle;
 mod depth_errors;
-mod dwelt;
+mod dwell_maps;
 mod error_map;
 mod failed_grids;
 mod heat_chart;
@@ -16,21 +16,21 @@ mod inspection;
 mod overlay;
 pub mod page;
 mod reasons;
+pub mod record_pdf;
 mod removed;
 mod ruler;
 mod scan_view;
-pub mod sheet;
 mod surface_map;
 mod trend_chart;
 mod unrolled;
 
-pub use bars::{Bar, bars};
+pub use bar_chart::{Bar, bars};
 pub use calibration::{corners_to_touch, residual_field, trend};
 pub use checks::{check_row, shown};
 pub use closeup::{CornerView, StripPicture, bounds, cut, film_strip, strip_times_s};
 pub use cycle::cycle_page;
 pub use depth_errors::depth_error_map;
-pub use dwelt::{dwell_map, overlap_map};
+pub use dwell_maps::{dwell_map, overlap_map};
 pub use error_map::{Left, error_map};
 pub use failed_grids::FailedGrid;
 pub use heat_chart::heat_chart;

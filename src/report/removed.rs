@@ -8,9 +8,9 @@ use super::canvas::Ink;
 use super::unrolled::{Unrolled, painted};
 use crate::geometry::ColorPicture;
 use crate::imaging::ImagingError;
+use crate::number_text::fixed;
 use crate::panel::Region;
 use crate::surface::Field;
-use crate::words::fixed;
 
 /// Colours of depth 0 and of the largest allowed depth.
 const DEPTHS: [Ink; 2] = [Ink([222, 235, 247]), Ink([8, 48, 107])];

@@ -7,8 +7,8 @@
 use super::axis::Axis;
 use super::checks::shown;
 use crate::history::{Trend, TrendPoint};
+use crate::number_text::{fixed, utc, utc_day};
 use crate::verdict::Limit;
-use crate::words::{fixed, utc, utc_day};
 use maud::{Markup, html};
 
 const WIDTH: f64 = 900.0;

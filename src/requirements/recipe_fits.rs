@@ -4,9 +4,9 @@ use super::{NamedFile, ReadNamed, Unmet, in_metres, problems_of};
 use crate::cell::{Cell, CompliantTool, Intrinsics};
 use crate::config::Problems;
 use crate::force::Weight;
+use crate::number_text::{fixed, plain};
 use crate::recipe::Recipe;
 use crate::removal::model::UNKNOWN;
-use crate::words::{fixed, plain};
 
 /// The recipe and the tool do not match in the force.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

@@ -59,7 +59,7 @@ fn weave([s, t]: [f64; 2], pixel_mm: f64) -> f64 {
 mod tests {
     use super::super::cast::PanelHit;
     use super::super::fixture::Background;
-    use super::super::sanding::Look;
+    use super::super::sanding::Appearance;
     use super::*;
 
     fn sight(edge_px: f64) -> PixelHit {
@@ -71,7 +71,7 @@ mod tests {
             edge_px,
             coverage: (0.5 - edge_px).clamp(0.0, 1.0),
             pixel_mm: 0.4,
-            look: Look::AS_MADE,
+            look: Appearance::AS_MADE,
         };
         let background = Background { depth_mm: Some(800.0), cos_incidence: 1.0, color: [180.0; 3] };
         PixelHit { ray: Vector3::z(), panel: Some(panel), background }

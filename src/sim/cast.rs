@@ -9,7 +9,7 @@
 //! and the panel's share of the pixel is the part of a square pixel on the inner side of that straight line.
 
 use super::fixture::{self, Background};
-use super::sanding::{Look, Sanding};
+use super::sanding::{Appearance, Sanding};
 use super::shape::Shape;
 use crate::geometry::{Base, Camera, Frame, Panel, PinholeCamera, Pixel, Rigid};
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
@@ -72,7 +72,7 @@ pub(super) struct PanelHit {
     /// The width of one pixel on the panel here, mm.
     pub pixel_mm: f64,
     /// The effect of sanding on the appearance at this position.
-    pub look: Look,
+    pub look: Appearance,
 }
 
 /// Computes the part of a square pixel on the inner side of a straight edge. `edge_px` is the distance from its
@@ -257,7 +257,7 @@ impl<'a> PanelView<'a> {
             edge_px,
             coverage: covered(edge_px, growth_px.normalize()),
             pixel_mm: depth / self.focal_px[0],
-            look: Look::AS_MADE,
+            look: Appearance::AS_MADE,
         }
     }
 }

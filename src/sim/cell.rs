@@ -2,6 +2,7 @@
 
 use super::cast::{Rays, View};
 use super::film::{Film, OnPanel};
+use super::film_defects::{self, Grease, Spot};
 use super::film_spec::FilmSpec;
 use super::flange;
 use super::noise::{PixelNoise, Purpose, Seed};
@@ -12,7 +13,6 @@ use super::scanner;
 use super::scanner_distortion::ScannerDistortion;
 use super::scene::{self, CornerView, Scene};
 use super::shape::Shape;
-use super::spots::{self, Grease, Spot};
 use super::timing::WET_FROM_S;
 use super::truth::Truth;
 use super::wet_flange;
@@ -79,7 +79,7 @@ impl Cell {
             Scene::WrongPanel => Some(Shape::wrong(seed)),
             Scene::NoPanel => None,
         };
-        let spots = if scene == Scene::Good { spots::draw(seed, &taught, WET_FROM_S) } else { Vec::new() };
+        let spots = if scene == Scene::Good { film_defects::draw(seed, &taught, WET_FROM_S) } else { Vec::new() };
         let with_rays = |camera: PinholeCamera| (camera, Rays::new(&camera));
         Cell {
             seed,
@@ -311,7 +311,7 @@ impl Cell {
     /// Draws other grease on this panel than its scene has; `index` distinguishes the random draws of one cell.
     pub fn greased(&self, grease: &Grease, index: u64) -> Vec<Spot> {
         let shape = self.present.as_ref().unwrap_or(&self.taught);
-        spots::greased(self.seed.child(Purpose::Grease, index), shape, WET_FROM_S, grease)
+        film_defects::greased(self.seed.child(Purpose::Grease, index), shape, WET_FROM_S, grease)
     }
 
     /// The greasy spots.

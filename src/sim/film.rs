@@ -10,13 +10,13 @@
 
 use super::appearance::{Color, dry_and_wet};
 use super::cast::View;
+use super::film_defects::Spot;
 use super::film_spec::FilmSpec;
+use super::glints_droplets::{Ground, Spotted, Travellers};
 use super::lamp::Lamp;
 use super::noise::{PixelNoise, Purpose, Seed, ValueNoise, to_byte};
 use super::runoff::Runoff;
-use super::spots::Spot;
 use super::timing::{Phase, SPRAY_FROM_S, WET_FROM_S};
-use super::travellers::{Ground, Spotted, Travellers};
 use super::wetting::{Colors, Water, Wetted};
 use crate::geometry::{ColorPicture, Mask};
 use rand::RngExt;

@@ -2,7 +2,7 @@
 //!
 //! Every part is an upright rectangle that faces the robot, at a constant X of the base frame.
 
-use super::clutter::Slab;
+use super::distractors::Slab;
 use nalgebra::{Point3, Vector3};
 
 /// An upright rectangle at one X, mm in the base frame; grey level as lit from the front.

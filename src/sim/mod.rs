@@ -6,13 +6,13 @@
 //! - `shape`, `outline`: the panel as a height field cut along an outline
 //! - `scene`, `fixture`: the poses of all objects
 //! - `cast`: what each pixel sees · `appearance`: its colour · `noise`: every random number
-//! - `variety`, `clutter`, `trial`: panels of many shapes among other objects, for the localization
+//! - `variety`, `distractors`, `trial`: panels of many shapes among other objects, for the localization
 //! - `board`, `board_cell`, `target`: calibration boards in front of both cameras
 //! - `real_arm`: an arm that differs from the drawing
 //! - `cell`: all of it together
-//! - `scanner`, `flange`, `wet_flange`, `film`, `timing`, `wetting`, `runoff`, `lamp`, `travellers`, `sanding`: the
+//! - `scanner`, `flange`, `wet_flange`, `film`, `timing`, `wetting`, `runoff`, `lamp`, `glints_droplets`, `sanding`: the
 //!   cameras' data · `projector`: which points the 3D camera has · `film_spec`: how hard films are to read ·
-//!   `spots`: grease · `truth`: the truth about all of this
+//!   `film_defects`: grease · `truth`: the truth about all of this
 //!
 //! Not simulated: focus, the arm in view; glints and drops on the fixture.
 
@@ -21,11 +21,13 @@ mod board;
 mod board_cell;
 mod cast;
 mod cell;
-mod clutter;
+mod distractors;
 mod film;
+mod film_defects;
 mod film_spec;
 mod fixture;
 mod flange;
+mod glints_droplets;
 mod lamp;
 mod noise;
 mod outline;
@@ -37,10 +39,8 @@ mod scanner;
 mod scanner_distortion;
 mod scene;
 mod shape;
-mod spots;
 mod target;
 mod timing;
-mod travellers;
 mod trial;
 mod truth;
 mod variety;
@@ -51,6 +51,7 @@ pub use board::{BoardPrint, Marker};
 pub use board_cell::{BoardCell, BoardShot, RobotNoise};
 pub use cell::{Cell, PanelPosition, Region, SEARCH_BOX_MM};
 pub use film::Film;
+pub use film_defects::{Grease, Spot, SpotKind};
 pub use film_spec::FilmSpec;
 pub use real_arm::{RealArm, Reported, TOOL_LENGTH_MM};
 pub use sanding::{SandedLook, Sanding};
@@ -58,7 +59,6 @@ pub use scanner::{NoiseFigures, scanner_noise};
 pub use scanner_distortion::ScannerDistortion;
 pub use scene::{CornerView, Scene};
 pub use shape::Bend;
-pub use spots::{Grease, Spot, SpotKind};
 pub use target::Target;
 pub use timing::{Phase, SPRAY_FROM_S, WET_FROM_S};
 pub use trial::{TRIAL_BOX_MM, Trial, Wrong};

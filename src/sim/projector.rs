@@ -18,7 +18,7 @@
 //! picture four times coarser.
 
 use super::cast::{PanelHit, PanelView};
-use super::clutter::Slab;
+use super::distractors::Slab;
 use super::fixture;
 use super::shape::Shape;
 use crate::geometry::{Base, Camera, Panel, PinholeCamera, Pixel, Point, Rigid};

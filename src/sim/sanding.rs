@@ -17,7 +17,7 @@ const SOFT_MM: f64 = 0.8;
 
 /// The look of one point compared with the panel as made.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Look {
+pub(super) struct Appearance {
     /// Factor of the dry brightness, by channel.
     pub albedo: [f64; 3],
     /// Share of the weave's contrast that is left.
@@ -26,13 +26,13 @@ pub(super) struct Look {
     pub film: f64,
 }
 
-impl Look {
+impl Appearance {
     /// The look of an untreated point.
-    pub const AS_MADE: Look = Look { albedo: [1.0; 3], weave: 1.0, film: 1.0 };
+    pub const AS_MADE: Appearance = Appearance { albedo: [1.0; 3], weave: 1.0, film: 1.0 };
 
-    fn mixed(self, other: &Look, share: f64) -> Look {
+    fn mixed(self, other: &Appearance, share: f64) -> Appearance {
         let mix = |a: f64, b: f64| a + share * (b - a);
-        Look {
+        Appearance {
             albedo: std::array::from_fn(|channel| mix(self.albedo[channel], other.albedo[channel])),
             weave: mix(self.weave, other.weave),
             film: mix(self.film, other.film),
@@ -45,8 +45,8 @@ impl Look {
 struct Pass {
     /// Distance to the edge of the area that the disc covered, mm, positive inside; row by row from the lower left.
     depth_mm: Vec<f32>,
-    middle: Look,
-    rim: Look,
+    middle: Appearance,
+    rim: Appearance,
     rim_mm: f64,
 }
 
@@ -108,8 +108,8 @@ impl Sanding {
         let mut tinted = |albedo: f64| [0; 3].map(|_| albedo * between(0.96, 1.04));
         let (middle, rim) = (tinted(albedo), tinted(albedo));
         let darker = between(0.85, 1.15);
-        let middle = Look { albedo: middle, weave: between(0.0, 0.3), film: between(0.85, 1.25) };
-        let rim = Look { albedo: rim.map(|albedo| albedo * darker), weave: between(0.2, 0.8), ..middle };
+        let middle = Appearance { albedo: middle, weave: between(0.0, 0.3), film: between(0.85, 1.25) };
+        let rim = Appearance { albedo: rim.map(|albedo| albedo * darker), weave: between(0.2, 0.8), ..middle };
         self.passes.push(Pass { depth_mm, middle, rim, rim_mm: between(1.5, 6.0) });
     }
 
@@ -124,8 +124,8 @@ impl Sanding {
     }
 
     /// Returns the present look of a point of the sheet: a later pass covers the earlier passes.
-    pub(super) fn look(&self, place: [f64; 2]) -> Look {
-        self.passes.iter().fold(Look::AS_MADE, |look, pass| {
+    pub(super) fn look(&self, place: [f64; 2]) -> Appearance {
+        self.passes.iter().fold(Appearance::AS_MADE, |look, pass| {
             let depth = pass.depth_at(place);
             let own = pass.rim.mixed(&pass.middle, ((depth - pass.rim_mm) / SOFT_MM).clamp(0.0, 1.0));
             look.mixed(&own, (depth / SOFT_MM + 0.5).clamp(0.0, 1.0))
@@ -180,7 +180,7 @@ mod tests {
             assert!((found - depth).abs() < 0.8 || depth < 0.0 && found < -4.0, "{place:?}: {found}");
         }
         assert!(sanding.touched([48.0, 0.0], 0.0) && !sanding.touched([55.0, 0.0], 2.0));
-        assert_eq!(sanding.look([-100.0, 0.0]), Look::AS_MADE);
+        assert_eq!(sanding.look([-100.0, 0.0]), Appearance::AS_MADE);
         let look = sanding.look([0.0, 0.0]);
         assert!((look.albedo[0] - pass.middle.albedo[0]).abs() + (look.weave - pass.middle.weave).abs() < 1e-12);
     }
@@ -201,7 +201,7 @@ mod tests {
     fn each_pass_has_a_look_of_its_own_within_its_limits() {
         let mut sanding = Sanding::default();
         let square = [[-40.0, -40.0], [40.0, -40.0], [40.0, 40.0], [-40.0, 40.0]];
-        let looks: Vec<Look> = (0..20)
+        let looks: Vec<Appearance> = (0..20)
             .map(|_| {
                 sanding.add_quads(&[square], (Seed(7), SandedLook::WORST));
                 sanding.look([0.0, 0.0])

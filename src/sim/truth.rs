@@ -1,8 +1,8 @@
 //! The ground truth of a simulated cell: for scores and tests, never as input of a stage.
 
+use super::film_defects::Spot;
 use super::scene::{CornerView, Scene};
 use super::shape::Shape;
-use super::spots::Spot;
 use crate::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose, Panel, Point, Rigid, Vector};
 use serde::{Deserialize, Serialize};
 

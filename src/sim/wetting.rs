@@ -6,10 +6,10 @@
 //! has reached it, then washed, and damp by its spot's share.
 
 use super::appearance::Color;
+use super::film_defects::{Spot, SpotKind};
 use super::film_spec::FilmSpec;
 use super::noise::{Purpose, Seed, ValueNoise};
 use super::runoff::Runoff;
-use super::spots::{Spot, SpotKind};
 use super::timing::SPRAY_FROM_S;
 use rand::RngExt;
 

@@ -24,7 +24,7 @@ pub use cell_view::{CellView, LoopView, StoreView};
 pub use command::{CommandError, NodeCommand, commands};
 pub use host::HostState;
 pub use metrics::{Definition, METRICS, values};
-pub use node::{Act, AuditNote, EdgeNode, Event, Message, NodeSetup, Now};
+pub use node::{AuditNote, EdgeNode, Event, Message, NodeAction, NodeSetup, Now};
 pub use payload::{Metric, Payload, Wire};
 pub use topic::Ids;
 pub use value::{DataType, Value};

@@ -66,7 +66,7 @@ pub enum Event<'m> {
 
 /// An action that the node requests.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Act {
+pub enum NodeAction {
     /// To publish a message, not retained.
     Publish(Message),
     /// To request it of the cell, by the same request and gates as every front.
@@ -173,7 +173,7 @@ impl EdgeNode {
     }
 
     /// Handles one event and returns all resulting actions.
-    pub fn step(&mut self, event: Event<'_>, now: Now) -> Vec<Act> {
+    pub fn step(&mut self, event: Event<'_>, now: Now) -> Vec<NodeAction> {
         let mut acts = match event {
             Event::Connecting => {
                 self.bd_seq = Some(self.bd_seq.map_or(0, |last| last.wrapping_add(1)));
@@ -207,7 +207,7 @@ impl EdgeNode {
     }
 
     /// The next message to the broker: a birth if it has received nothing yet, else the changes.
-    fn next_message(&mut self, now: Now) -> Option<Act> {
+    fn next_message(&mut self, now: Now) -> Option<NodeAction> {
         let may_publish = self.setup.ids.primary_host_id.is_none() || self.host.is_online();
         match self.session {
             Session::Waiting if may_publish => self.birth(now),
@@ -217,7 +217,7 @@ impl EdgeNode {
         }
     }
 
-    fn birth(&mut self, now: Now) -> Option<Act> {
+    fn birth(&mut self, now: Now) -> Option<NodeAction> {
         let seen = self.seen.clone()?;
         let Now { unix_ms, .. } = now;
         let of_cell = METRICS.iter().zip(&seen).enumerate().map(|(place, (metric, value))| {
@@ -233,7 +233,7 @@ impl EdgeNode {
         Some(self.counted(self.setup.ids.nbirth(), metrics, now))
     }
 
-    fn data(&mut self, now: Now) -> Option<Act> {
+    fn data(&mut self, now: Now) -> Option<NodeAction> {
         let seen = self.seen.as_ref()?;
         let changed = METRICS.iter().zip(seen.iter().zip(&self.told)).enumerate();
         let changed = changed.filter(|(_, (_, (seen, told)))| seen != told).map(|(place, (metric, (value, _)))| {
@@ -258,20 +258,20 @@ impl EdgeNode {
         }
     }
 
-    fn counted(&mut self, topic: String, metrics: Vec<Metric>, now: Now) -> Act {
+    fn counted(&mut self, topic: String, metrics: Vec<Metric>, now: Now) -> NodeAction {
         let payload = Payload { timestamp: Some(now.unix_ms), metrics, seq: Some(u64::from(self.seq)) };
         self.seq = self.seq.wrapping_add(1);
-        Act::Publish(Message { topic, payload: payload.encode_to_vec(), qos: 0 })
+        NodeAction::Publish(Message { topic, payload: payload.encode_to_vec(), qos: 0 })
     }
 
     /// Ends a session from the node's side.
-    fn die(&mut self, now: Now) -> Vec<Act> {
+    fn die(&mut self, now: Now) -> Vec<NodeAction> {
         let was = std::mem::replace(&mut self.session, Session::Offline);
-        let death = (was == Session::Born).then(|| Act::Publish(self.will(now)));
-        death.into_iter().chain([Act::Disconnect]).collect()
+        let death = (was == Session::Born).then(|| NodeAction::Publish(self.will(now)));
+        death.into_iter().chain([NodeAction::Disconnect]).collect()
     }
 
-    fn received(&mut self, (topic, payload, is_retained): (&str, &[u8], bool), now: Now) -> Vec<Act> {
+    fn received(&mut self, (topic, payload, is_retained): (&str, &[u8], bool), now: Now) -> Vec<NodeAction> {
         if self.setup.ids.state().is_some_and(|state| state == topic) {
             return self.host_told(payload, now);
         }
@@ -295,7 +295,7 @@ impl EdgeNode {
             .collect()
     }
 
-    fn asked(&mut self, command: NodeCommand, now: Now) -> Vec<Act> {
+    fn asked(&mut self, command: NodeCommand, now: Now) -> Vec<NodeAction> {
         if command == NodeCommand::Rebirth && self.session != Session::Born {
             let refused = "nothing is published while the primary host is offline".to_owned();
             return self.refuse(command.word(), None, refused);
@@ -306,22 +306,22 @@ impl EdgeNode {
         }
     }
 
-    fn pass_on(&mut self, command: NodeCommand, now: Now) -> Vec<Act> {
+    fn pass_on(&mut self, command: NodeCommand, now: Now) -> Vec<NodeAction> {
         let is_noted = self.lines.allows(false);
         if command != NodeCommand::Rebirth {
-            return vec![Act::Ask { command, is_noted }];
+            return vec![NodeAction::Ask { command, is_noted }];
         }
         let note = AuditNote { what: command.word().to_owned(), subject: None, refused: None };
-        let note = is_noted.then_some(Act::Note(note));
+        let note = is_noted.then_some(NodeAction::Note(note));
         self.birth(now).into_iter().chain(note).collect()
     }
 
-    fn refuse(&mut self, what: &str, subject: Option<String>, refused: String) -> Vec<Act> {
+    fn refuse(&mut self, what: &str, subject: Option<String>, refused: String) -> Vec<NodeAction> {
         let note = AuditNote { what: what.to_owned(), subject, refused: Some(refused) };
-        self.lines.allows(true).then_some(Act::Note(note)).into_iter().collect()
+        self.lines.allows(true).then_some(NodeAction::Note(note)).into_iter().collect()
     }
 
-    fn host_told(&mut self, payload: &[u8], now: Now) -> Vec<Act> {
+    fn host_told(&mut self, payload: &[u8], now: Now) -> Vec<NodeAction> {
         let Some(state) = HostState::read(payload) else {
             let refused = "the primary host's state is no JSON object with \"online\" and \"timestamp\"".to_owned();
             return self.refuse("host state", None, refused);
@@ -334,7 +334,7 @@ impl EdgeNode {
         }
     }
 
-    fn after_a_while(&mut self, now: Now) -> Vec<Act> {
+    fn after_a_while(&mut self, now: Now) -> Vec<NodeAction> {
         let mut acts = Vec::new();
         for command in self.commands.due(now.steady_ms) {
             let may = command != NodeCommand::Rebirth || self.session == Session::Born;
@@ -343,7 +343,7 @@ impl EdgeNode {
         if let Some(left_out) = self.lines.minute_over(now.steady_ms) {
             let refused = format!("{left_out} further messages of the last minute have no line of their own");
             let note = AuditNote { what: "flood".to_owned(), subject: None, refused: Some(refused) };
-            acts.push(Act::Note(note));
+            acts.push(NodeAction::Note(note));
         }
         acts
     }

@@ -2,6 +2,7 @@
 
 use super::removal::{Abrasive, Removed};
 use super::{Drawing, names};
+use crate::number_text::apart;
 use crate::panel::{GridId, Region, TaughtPanel};
 use crate::path::Plan;
 use crate::path::dwell::{self, Dwell, Executed, GridDwell};
@@ -12,7 +13,6 @@ use crate::record::{Check, Finding, Kind, name};
 use crate::report::{dwell_map, overlap_map};
 use crate::surface::BSplineSurface;
 use crate::verdict::{Judgement, SetBy, Severity};
-use crate::words::apart;
 
 /// Allowed distance of a reported pose from the planned lines where these are straight, mm: the remaining error of
 /// the drives.

@@ -10,12 +10,12 @@ use crate::cell::LensExtent;
 use crate::geometry::{Base, ColorPicture, FlangeCamera, KukaPose, Panel, PinholeCamera, Pixel, Rigid};
 use crate::locate::corner::{self, CornerError};
 use crate::locate::refine::{self, CornerView, RefineError, Refined};
+use crate::number_text::apart;
 use crate::panel::TaughtCorner;
 use crate::recipe;
 use crate::record::{Check, Finding, Kind, name};
 use crate::report;
 use crate::verdict::{Judgement, Reason, SetBy, Severity};
-use crate::words::apart;
 use serde_json::json;
 
 /// The most corners that are looked at: two determine the panel's shift and its turn, more add little.

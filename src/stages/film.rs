@@ -1,15 +1,15 @@
 //! The water-break test: pictures are added one by one while the film is watched, or while a clip is read. After
 //! the last picture the film is judged.
 
-use super::{Drawing, names, strip::Strip};
+use super::{Drawing, keyframes::Strip, names};
 use crate::geometry::{Camera, ColorPicture, Mask, Panel, PinholeCamera, Rigid};
 use crate::inspect::{self, Demands, GridInspection, InspectError, Inspection, Reference, Watch};
+use crate::number_text::fixed;
 use crate::panel::{Grid, GridId, TaughtPanel};
 use crate::phase::Phase;
 use crate::recipe::Recipe;
 use crate::record::{Check, Finding, Kind, name};
 use crate::report::{FailedGrid, View};
-use crate::words::fixed;
 use std::sync::Arc;
 
 /// The setup with which a film is watched.

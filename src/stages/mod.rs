@@ -13,11 +13,11 @@
 pub mod abrade;
 pub mod corners;
 pub mod film;
+mod keyframes;
 pub mod learn;
 pub mod locate;
 pub mod plan;
 pub mod removal;
-mod strip;
 pub mod survey;
 
 use crate::geometry::ColorPicture;

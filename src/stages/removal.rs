@@ -10,6 +10,7 @@ pub use feeds::moves;
 
 use super::Drawing;
 use super::survey::ToolState;
+use crate::number_text::{apart, fixed};
 use crate::panel::{GridId, TaughtPanel};
 use crate::path::dwell::{self, Executed};
 use crate::path::{Plan, Waypoint};
@@ -25,7 +26,6 @@ use crate::removal::track::{Disc, Ground, stretches};
 use crate::report::removal_map;
 use crate::surface::{Fit, Parameter};
 use crate::verdict::Check;
-use crate::words::{apart, fixed};
 use feeds::AtBounds;
 
 /// Distance between the samples of a map, in radii of the disc; `SPACING_MM` are its limits, mm.

@@ -3,6 +3,7 @@
 
 use super::{Drawing, names};
 use crate::force::check_stroke;
+use crate::number_text::apart;
 use crate::panel::{GridId, TaughtPanel};
 use crate::path::check_pad;
 use crate::path::disc::DiscUse;
@@ -14,7 +15,6 @@ use crate::removal::model::Model;
 use crate::report::{surface_map, today_map};
 use crate::surface::{self, Deviation, DeviationMap, Fit, Todays, TodaysPoint};
 use crate::verdict::{Judgement, Reason, SetBy, Severity};
-use crate::words::apart;
 
 /// Facts about the tool that are not in the path: the error at its tip, and the area that the disc in use has swept
 /// so far.

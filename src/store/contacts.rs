@@ -4,7 +4,7 @@
 
 use super::database::{Store, unix_ms};
 use super::error::StoreError;
-use super::passes::normalised_serial;
+use super::part_passes::normalised_serial;
 use crate::cycle::{Event, Id, Motion, Report};
 use crate::record::{
     ANOTHER_PART, Abraded, Clock, Contact, ContactPath, CycleId, EarlierPass, Finding, Kind, MotionRecord,
@@ -121,7 +121,7 @@ impl Store {
         };
         let mut told = 0;
         for text in read().map_err(|error| self.failed("read the journal of", &error))? {
-            if let Event::Told(Report::Progress { id, done }) = self.parsed(&text)?
+            if let Event::Reported(Report::Progress { id, done }) = self.parsed(&text)?
                 && id == act
             {
                 told = told.max(done);

@@ -41,6 +41,6 @@ impl JournalFold {
 
     /// Returns the state after the next start of the program.
     pub fn rested(&self) -> State {
-        step(self.state, Event::Told(Report::Boot)).0
+        step(self.state, Event::Reported(Report::Boot)).0
     }
 }

@@ -108,7 +108,7 @@ impl Store {
             }
             self.folded = Some(settled.clone());
             if !std::mem::replace(&mut self.change_is_told, true) && !self.changed.is_empty() {
-                self.append(&Event::Told(Report::StoreChanged), None)?;
+                self.append(&Event::Reported(Report::StoreChanged), None)?;
             }
         }
         Ok(self.folded.as_ref().unwrap_or(&settled).rested())

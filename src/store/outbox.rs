@@ -206,7 +206,7 @@ impl Store {
             Err(source) => return Err(StoreError::File { doing: "read", path, source }),
         };
         self.recover()?;
-        self.append(&Event::Told(Report::StoreRestored), None)?;
+        self.append(&Event::Reported(Report::StoreRestored), None)?;
         let sql = "SELECT coalesce(max(id), 0) FROM cycles";
         let own: i64 = self
             .connection

@@ -7,7 +7,7 @@
 use super::database::{Store, unix_ms};
 use super::error::StoreError;
 use crate::cycle::Event;
-use crate::record::{CycleId, RequestRecord, Wanted};
+use crate::record::{CycleId, RequestRecord, RequestedAction};
 use rusqlite::params;
 
 pub(super) const TABLES: &str = "
@@ -60,7 +60,7 @@ impl Store {
         );
         for (unix_ms, text) in self.rows_of(&sql, id)? {
             if let Event::Asked(request) = self.parsed(&text)? {
-                let wanted = Wanted::For(request);
+                let wanted = RequestedAction::For(request);
                 asked.push(RequestRecord {
                     unix_ms,
                     wanted,

@@ -12,13 +12,13 @@ use super::database::{Store, unix_ms};
 use super::error::StoreError;
 use super::outbox;
 use crate::files::hex;
+use crate::number_text::{printable, utc};
 use crate::office::Kind;
 use crate::record::CycleId;
 use crate::signing::{
     BEGIN, CellKey, FORM, HEAD_FORM, Meaning, PersonSignature, SignedChainPosition, SignedCycle, SignedHead,
     SigningError, Statement, StatementContent,
 };
-use crate::words::{printable, utc};
 use rusqlite::{Connection, OptionalExtension, Row, params};
 use std::path::Path;
 

@@ -8,7 +8,7 @@
 
 use super::bspline::BSplineSurface;
 use super::derivatives::Parameter;
-use super::net::{Net, sides_mm};
+use super::net::{SampleGrid, sides_mm};
 use super::patch::Patch;
 use super::spread::Spread;
 use crate::geometry::{Panel, Point, Rigid, Tool};
@@ -197,7 +197,7 @@ fn grid_dwell(
     steps: &[Step],
     radius_mm: f64,
 ) -> GridDwell {
-    let net = Net::over(surface, *patch, SAMPLE_MM);
+    let net = SampleGrid::over(surface, *patch, SAMPLE_MM);
     let mut points = Vec::with_capacity(net.count());
     let mut found = GridDwell {
         id,

@@ -3,8 +3,8 @@
 use super::bspline::SurfaceError;
 use crate::geometry::Pixel;
 use crate::geometry::basis::{DEGREE, KnotError};
+use crate::number_text::{apart, fixed};
 use crate::verdict::{Check, SetBy, Severity};
-use crate::words::{apart, fixed};
 
 /// Smallest number of pixels that determine a pair of spans.
 pub(super) const MIN_PIXELS: usize = (DEGREE + 1) * (DEGREE + 1);

@@ -34,7 +34,7 @@ pub use error::FitError;
 pub use field::{Field, GridField};
 pub use fit::{Deviation, Fit, Refusal, examine, fit};
 pub use map::{DeviationMap, Holes, MapPixel};
-pub use net::Net;
+pub use net::SampleGrid;
 pub(crate) use net::sides_mm;
 pub use patch::Patch;
 pub use spread::{ByArea, Spread};

@@ -6,7 +6,7 @@ use super::patch::Patch;
 
 /// Points in rows and columns, each in the middle of its part of the patch.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Net {
+pub struct SampleGrid {
     /// The patch.
     pub patch: Patch,
     /// Places along u.
@@ -15,14 +15,14 @@ pub struct Net {
     pub rows: usize,
 }
 
-impl Net {
+impl SampleGrid {
     /// Creates points at about this spacing, mm, measured through the middle of the patch.
     pub fn over(surface: &BSplineSurface, patch: Patch, spacing_mm: f64) -> Self {
         let middle = surface.tangents(patch.at(Parameter { u: 0.5, v: 0.5 }));
         let count = |length_mm: f64| (length_mm / spacing_mm).ceil().max(1.0) as usize;
         let [size_u, size_v] = sizes(patch);
         let (columns, rows) = (count(middle.s_u.mm.norm() * size_u), count(middle.s_v.mm.norm() * size_v));
-        Net { patch, columns, rows }
+        SampleGrid { patch, columns, rows }
     }
 
     /// How many.
@@ -88,7 +88,7 @@ mod tests {
     #[test]
     fn places_are_spread_evenly() {
         let patch = Patch { low: Parameter { u: 0.0, v: 0.0 }, high: Parameter { u: 0.5, v: 0.5 } };
-        let net = Net::over(&plane(), patch, 11.0);
+        let net = SampleGrid::over(&plane(), patch, 11.0);
         assert_eq!((net.columns, net.rows, net.count()), (5, 3, 15));
         let [first, sixth] = [0, 5].map(|place| plane().point(net.at(place)));
         assert!(first.distance_mm(Point::at(5.0, 5.0, 0.0)) < 1e-9, "{first:?}");
@@ -102,7 +102,7 @@ mod tests {
     #[test]
     fn a_box_meets_the_places_around_it() {
         let patch = Patch { low: Parameter { u: 0.0, v: 0.0 }, high: Parameter { u: 0.5, v: 0.5 } };
-        let net = Net::over(&plane(), patch, 11.0);
+        let net = SampleGrid::over(&plane(), patch, 11.0);
         let around = |u: [f64; 2], v: [f64; 2]| {
             net.around(Parameter { u: u[0], v: v[0] }, Parameter { u: u[1], v: v[1] }).collect::<Vec<_>>()
         };

@@ -18,12 +18,12 @@
 
 mod check;
 mod entry;
+mod entry_text;
 mod error;
 mod format;
 mod framing;
 mod read;
 mod records;
-mod shown;
 mod topic;
 mod well_known;
 mod write;
@@ -33,9 +33,9 @@ mod tests;
 
 pub use check::{Checked, check};
 pub use entry::{Armed, Begin, Ending, Entry, Lost, Shot, Start};
+pub use entry_text::{Lens, Mounted};
 pub use error::TapeError;
 pub use format::{FORMAT, OLDEST_FORMAT};
 pub use read::Entries;
-pub use shown::{Lens, Mounted};
 pub use topic::Topic;
 pub use write::Writer;

@@ -2,9 +2,9 @@
 //! up to its last complete chunk.
 
 use super::entry::{Ending, Entry, Lost, Shot, Start};
+use super::entry_text::{FLANGE_FRAME, Lens, Mounted, SCANNER_FRAME, Shown, UNITS, shown};
 use super::error::TapeError;
 use super::format::{END, FORMAT, METADATA, START};
-use super::shown::{FLANGE_FRAME, Lens, Mounted, SCANNER_FRAME, Shown, UNITS, shown};
 use super::topic::Topic;
 use super::well_known::{
     CameraCalibration, CompressedImage, FrameTransform, Level, Log, NumericType, PackedElementField, PointCloud,

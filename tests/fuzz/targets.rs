@@ -13,7 +13,9 @@ use panelprep::force::{Press, Session, SessionLimits};
 use panelprep::geometry::PinholeCamera;
 use panelprep::office::{Assembly, CellState, Chunk, Message};
 use panelprep::recipe::Recipe;
-use panelprep::sparkplug::{Act, CellView, EdgeNode, Event, HostState, Ids, NodeSetup, Now, commands, values};
+use panelprep::sparkplug::{
+    CellView, EdgeNode, Event, HostState, Ids, NodeAction, NodeSetup, Now, commands, values,
+};
 use panelprep::{backup, files, krl, labels, tape};
 use std::io::Read;
 use std::time::Duration;
@@ -335,9 +337,9 @@ fn node(bytes: &[u8]) {
             acts.extend(node.step(Event::Received { topic, payload: bytes, is_retained }, at_ms(steady_ms)));
         }
     }
-    let asked: Vec<_> = acts.iter().filter(|act| matches!(act, Act::Ask { .. })).collect();
+    let asked: Vec<_> = acts.iter().filter(|act| matches!(act, NodeAction::Ask { .. })).collect();
     assert!(asked.iter().enumerate().all(|(place, act)| !asked[..place].contains(act)), "{asked:?}");
-    assert!(acts.iter().filter(|act| matches!(act, Act::Publish(_))).count() <= 1);
+    assert!(acts.iter().filter(|act| matches!(act, NodeAction::Publish(_))).count() <= 1);
     let told = commands(bytes, true);
     assert!(!told.is_empty() && told.len() <= 32);
     for error in told.iter().filter_map(|one| one.as_ref().err()) {
@@ -346,5 +348,5 @@ fn node(bytes: &[u8]) {
     let is_host = HostState::read(bytes).is_some();
     let told = Event::Received { topic: STATE, payload: bytes, is_retained: false };
     let acts = born_node().step(told, at_ms(5));
-    assert_eq!(acts.iter().any(|act| matches!(act, Act::Note(_))), !is_host, "{acts:?}");
+    assert_eq!(acts.iter().any(|act| matches!(act, NodeAction::Note(_))), !is_host, "{acts:?}");
 }

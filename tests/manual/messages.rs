@@ -51,8 +51,8 @@ fn arms(text: &str) -> impl Iterator<Item = String> {
 
 /// Tables that assign a code to a cause: the file, and the function with the table.
 const TABLES: [(&str, &str); 4] = [
-    ("daemon/words.rs", "pub(super) fn robot("),
-    ("daemon/words.rs", "pub(super) fn trouble("),
+    ("daemon/operator_texts.rs", "pub(super) fn robot("),
+    ("daemon/operator_texts.rs", "pub(super) fn trouble("),
     ("path/reach/infeasible.rs", "pub fn code("),
     ("cli/robot.rs", "fn judgement("),
 ];

@@ -3,7 +3,7 @@
 
 use super::offices::{Cell, Plant, TIMEOUT, publish, runtime, sql};
 use panelprep::cell::CellName;
-use panelprep::office::{Body, Chunk, Message, Position, What, chunks};
+use panelprep::office::{Body, Chunk, ChunkOwner, Message, Position, chunks};
 use std::time::{Duration, Instant};
 
 /// Another cell under the same name, a record that a person changes in the database, and garbage: each is reported,
@@ -25,7 +25,7 @@ fn contradictions_changes_and_garbage_are_told_and_replace_nothing() {
     *content = String::from_utf8(content.clone()).expect("text").replace("\"pass\"", "\"fail\"").into_bytes();
     let name = CellName::new("cell-1").expect("a name");
     let message = Message { cell: name.clone(), envelope: forged[0].clone() };
-    let what = What::Message(message.envelope.position.clone());
+    let what = ChunkOwner::Message(message.envelope.position.clone());
     let parts = chunks(&name, &what, &message.bytes().expect("bytes")).expect("parts");
     publish_without_names(&plant, &parts);
     let since = Instant::now();
@@ -69,7 +69,7 @@ fn garbage(plant: &Plant) {
     let name = CellName::new("cell-1").expect("a name");
     let part = |hash: &str, part, parts| Chunk {
         cell: name.clone(),
-        what: What::File(hash.repeat(32)),
+        what: ChunkOwner::File(hash.repeat(32)),
         part,
         parts,
         bytes: b"nothing".to_vec(),

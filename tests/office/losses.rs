@@ -3,7 +3,7 @@
 use super::offices::{Cell, Plant, TIMEOUT, count, publish, runtime, sql};
 use panelprep::broker::CellLink;
 use panelprep::cell::Office;
-use panelprep::office::{Body, Message, Position, What, chunks};
+use panelprep::office::{Body, ChunkOwner, Message, Position, chunks};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
@@ -92,7 +92,7 @@ fn a_record_counts_with_its_files() {
     assert!(files.len() >= 2, "{files:?}");
     for envelope in &records {
         let message = Message { cell: office.cell.clone(), envelope: envelope.clone() };
-        let what = What::Message(envelope.position.clone());
+        let what = ChunkOwner::Message(envelope.position.clone());
         publish(&plant, &chunks(&office.cell, &what, &message.bytes().expect("bytes")).expect("parts"));
     }
     let archived = || {
@@ -114,7 +114,7 @@ fn a_record_counts_with_its_files() {
         std::thread::sleep(Duration::from_millis(500));
         assert_eq!(archived(), Some(1), "{} is not there yet", file.name);
         let bytes = cell.store.blob(&file.hash).expect("whole");
-        publish(&plant, &chunks(&office.cell, &What::File(file.hash.clone()), &bytes).expect("parts"));
+        publish(&plant, &chunks(&office.cell, &ChunkOwner::File(file.hash.clone()), &bytes).expect("parts"));
     }
     wait_for(2);
 }

@@ -40,9 +40,9 @@ fn survives(folder: &Path, after: Duration) -> bool {
     // The service only receives reports: a start, the robot's condition and override, and that its outputs are off.
     std::thread::sleep(Duration::from_millis(300));
     let since = journal(folder)[before.len()..].to_vec();
-    assert!(since.contains(&Event::Told(Report::Boot)), "{since:?}");
+    assert!(since.contains(&Event::Reported(Report::Boot)), "{since:?}");
     let hears = |event: &Event| {
-        let Event::Told(report) = event else { return false };
+        let Event::Reported(report) = event else { return false };
         matches!(report, Report::Boot | Report::Robot(_) | Report::FullOverride(_) | Report::OutputsOff)
     };
     assert!(since.iter().all(hears), "it acts unasked: {since:?}");

@@ -7,7 +7,7 @@ use super::fixture::{CellContents, Fixture};
 use super::inside::{Inside, Shared};
 use super::judges;
 use super::script::CameraHarm;
-use panelprep::cycle::Act;
+use panelprep::cycle::Action;
 use panelprep::daemon::{CameraAnswer, CameraCommand, CameraFault, Picture2d, Port};
 use panelprep::devices::world::Touched;
 use panelprep::geometry::{Base, Camera, ColorPicture, Flange, KukaPose, OrganizedCloud, Rigid};
@@ -270,10 +270,10 @@ fn rounded(base_from_flange: &Rigid<Base, Flange>) -> [i64; 6] {
 
 /// Returns a number for the pictures that this world's cameras would show, to find results that were computed
 /// before. `None` if one of the cameras is disturbed.
-pub fn seen(world: &Shared, act: Act) -> Option<u64> {
+pub fn seen(world: &Shared, act: Action) -> Option<u64> {
     let mut world = world.lock();
     let now_ms = world.now_ms();
-    if act == Act::Locate {
+    if act == Action::Locate {
         judges::scans(&mut world);
     }
     if world.cameras.iter().flatten().any(|(_, until_ms)| now_ms < *until_ms) {
@@ -282,7 +282,7 @@ pub fn seen(world: &Shared, act: Act) -> Option<u64> {
     let is_shut = world.lock_around().is_lens_shut(now_ms);
     let mut hasher = DefaultHasher::new();
     (world.stands.looks(), is_shut).hash(&mut hasher);
-    if matches!(act, Act::Refine { .. } | Act::Verify { .. }) {
+    if matches!(act, Action::Refine { .. } | Action::Verify { .. }) {
         rounded(&world.cell.controller.flange_pose()).hash(&mut hasher);
     }
     Some(hasher.finish())

@@ -9,10 +9,10 @@
 
 use panelprep::cycle::{self, At, State};
 use panelprep::daemon::{
-    Exit, LastWrittenPage, News, RecordingSwitch, Reply, Request, RequestHandler, RequestQueueError, RequestSender,
-    Requester, ServiceParts, What, read_request, request_line, request_queue,
+    Exit, LastWrittenPage, LoopEvent, RecordingSwitch, Reply, Request, RequestHandler, RequestKind,
+    RequestQueueError, RequestSender, Requester, ServiceParts, read_request, request_line, request_queue,
 };
-use panelprep::record::{CycleId, Front, Who};
+use panelprep::record::{CycleId, RequestSource, Who};
 use panelprep::supervision::{Supervisor, ThreadFault};
 use std::path::Path;
 use std::sync::mpsc::channel;
@@ -102,26 +102,27 @@ impl Desk {
 
     /// Sends a second screen's decision that is based on the contents of that screen.
     pub fn decides(&mut self, request: cycle::Request, shown: Shown, carries: bool) {
-        let what = if carries { What::Decided { request, step: shown.step } } else { What::Table(request) };
+        let what =
+            if carries { RequestKind::Decided { request, step: shown.step } } else { RequestKind::Table(request) };
         self.asks(SECOND, what, Some(shown));
     }
 
     /// This user sends the request.
-    pub fn ask(&mut self, uid: u32, what: What) {
+    pub fn ask(&mut self, uid: u32, what: RequestKind) {
         self.asks(uid, what, None);
     }
 
-    fn asks(&mut self, uid: u32, what: What, shown: Option<Shown>) {
+    fn asks(&mut self, uid: u32, what: RequestKind, shown: Option<Shown>) {
         let what = self.through_the_socket(what);
         let (words, urgent) = (format!("{what:?}"), is_urgent(&what));
-        self.leaves |= matches!(what, What::Leave);
+        self.leaves |= matches!(what, RequestKind::Leave);
         let (reply, answer) = oneshot::channel();
-        let who = Who { front: Front::Socket, uid: Some(uid), user: None };
+        let who = Who { front: RequestSource::Socket, uid: Some(uid), user: None };
         let others = || self.waiting.iter().filter(|waiting| waiting.queued && !waiting.urgent);
         let (of_user, of_all) = (others().filter(|waiting| waiting.uid == uid).count(), others().count());
         let has_place = urgent || (of_user < MAX_QUEUED_PER_USER && of_all < MAX_QUEUED);
         // A repeated stop by the same person is not queued a second time.
-        let is_stop = urgent && !matches!(what, What::Leave);
+        let is_stop = urgent && !matches!(what, RequestKind::Leave);
         let is_same = is_stop
             && self.waiting.iter().any(|waiting| waiting.queued && waiting.uid == uid && waiting.words == words);
         let before =
@@ -150,7 +151,7 @@ impl Desk {
     }
 
     /// A request that the socket accepts is the same after it.
-    fn through_the_socket(&mut self, what: What) -> What {
+    fn through_the_socket(&mut self, what: RequestKind) -> RequestKind {
         let Ok(line) = request_line(&what) else { return what };
         match read_request(line.as_bytes()) {
             Ok(read) if format!("{read:?}") == format!("{what:?}") => read,
@@ -166,19 +167,19 @@ impl Desk {
         self.rounds += 1;
         let is_due = state.at.rests() || self.rounds.is_multiple_of(PAGE_ROUNDS);
         if is_due && !self.waiting.iter().any(|waiting| waiting.uid == PAGE) {
-            self.ask(PAGE, What::State);
+            self.ask(PAGE, RequestKind::State);
         }
         let request = self.handler.next_request(state)?;
         self.waiting.iter_mut().for_each(|waiting| waiting.rounds += 1);
-        let outdated = request.as_ref().filter(|request| matches!(request.what, What::Outdated { .. }));
+        let outdated = request.as_ref().filter(|request| matches!(request.what, RequestKind::Outdated { .. }));
         if let Some(request) = outdated {
             // An outdated request is answered at once.
             self.is_outdated(&request.what, state);
         }
         self.answers();
         if let Some(request) = &request
-            && request.who.front == Front::Socket
-            && !matches!(request.what, What::Outdated { .. })
+            && request.who.front == RequestSource::Socket
+            && !matches!(request.what, RequestKind::Outdated { .. })
         {
             let queued = |waiting: &&mut Waiting| waiting.queued;
             let first = self.waiting.iter_mut().filter(queued).min_by_key(|waiting| !waiting.urgent);
@@ -200,7 +201,7 @@ impl Desk {
         Ok(request)
     }
 
-    fn is_outdated(&mut self, what: &What, state: &State) {
+    fn is_outdated(&mut self, what: &RequestKind, state: &State) {
         let words = format!("{what:?}");
         let is_it = |waiting: &&mut Waiting| waiting.queued && waiting.shown.is_some() && waiting.words == words;
         let wrong = match self.waiting.iter_mut().find(is_it) {
@@ -250,7 +251,7 @@ impl Desk {
     }
 
     /// The loop reports something.
-    pub fn on_news(&mut self, news: News) {
+    pub fn on_news(&mut self, news: LoopEvent) {
         self.handler.on_news(news);
         self.answers();
     }
@@ -262,21 +263,21 @@ impl Desk {
 
 /// Returns what is wrong with a decision that was processed: the table must still be in the state on which the
 /// decision was based.
-fn taken(first: &mut Waiting, what: &What, state: &State) -> Option<String> {
+fn taken(first: &mut Waiting, what: &RequestKind, state: &State) -> Option<String> {
     let shown = first.shown?;
     let is_good = shown == Shown::from_state(state);
     first.is_stale = !is_good;
     match what {
-        What::Table(request) if !is_good => {
+        RequestKind::Table(request) if !is_good => {
             Some(format!("{request:?} was decided upon {shown:?}, and is asked of {:?}", Shown::from_state(state)))
         }
-        What::Outdated { request, .. } if is_good => {
+        RequestKind::Outdated { request, .. } if is_good => {
             Some(format!("{request:?} upon {shown:?} was refused as outdated"))
         }
         _ => None,
     }
 }
 
-fn is_urgent(what: &What) -> bool {
-    matches!(what, What::Leave | What::Table(cycle::Request::Stop | cycle::Request::Abort))
+fn is_urgent(what: &RequestKind) -> bool {
+    matches!(what, RequestKind::Leave | RequestKind::Table(cycle::Request::Stop | cycle::Request::Abort))
 }

@@ -4,7 +4,7 @@
 
 use super::disk;
 use super::inside::Inside;
-use panelprep::cycle::{Act, At, Id, Robot, State};
+use panelprep::cycle::{Action, At, Id, Robot, State};
 
 /// Longest time for an answer that needs only a state of the controller, ms; `COMPUTED_MS` is the longest time for
 /// a computed answer.
@@ -54,10 +54,12 @@ impl InTime {
         }
         let Some((_, since_ms, written_ms)) = self.due else { return };
         let most_ms = match due.act {
-            Act::Move(_) | Act::Film => return,
-            Act::Stand | Act::OpenEpoch { .. } | Act::EndEpoch { .. } | Act::SetFrames(_) | Act::Switch(_) => {
-                ANSWER_MS
-            }
+            Action::Move(_) | Action::Film => return,
+            Action::CheckStandstill
+            | Action::OpenEpoch { .. }
+            | Action::EndEpoch { .. }
+            | Action::SetFrames(_)
+            | Action::Switch(_) => ANSWER_MS,
             _ => COMPUTED_MS,
         };
         world.counts.judged("answers in time");

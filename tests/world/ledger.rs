@@ -4,7 +4,7 @@
 use super::touched::Touched;
 use panelprep::cycle::{At, Event, Motion, Request, State};
 use panelprep::daemon::{Note, RecordAnswer, RecordCommand};
-use panelprep::record::{Answer, CycleId, CycleRecord, Kind, MotionRecord, Wanted};
+use panelprep::record::{Answer, CycleId, CycleRecord, Kind, MotionRecord, RequestedAction};
 use panelprep::report::cycle_page;
 use panelprep::store::{Store, StoreError};
 use panelprep::verdict::Verdict;
@@ -70,7 +70,7 @@ fn earned(record: &CycleRecord) -> Result<(), String> {
     let found = |index: usize| (record.findings[index].kind, record.findings[index].judgement.verdict);
     let decided = |index: usize| {
         record.asked.iter().any(|asked| {
-            let decides = matches!(asked.wanted, Wanted::For(Request::Accept | Request::Unhold { .. }));
+            let decides = matches!(asked.wanted, RequestedAction::For(Request::Accept | Request::Unhold { .. }));
             decides && asked.answer == Some(Answer::Done) && asked.findings.is_some_and(|kept| kept > index as u64)
         })
     };

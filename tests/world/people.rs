@@ -12,7 +12,7 @@ use super::judges;
 use super::sabotage::Sabotage;
 use super::script::{self, Press};
 use panelprep::cycle::{self, At, Cause, Id, Robot, State, Trouble, Why};
-use panelprep::daemon::{News, Port, Request, RequestAnswer, RequestCommand, What};
+use panelprep::daemon::{LoopEvent, Port, Request, RequestAnswer, RequestCommand, RequestKind};
 use panelprep::record::{ANOTHER_PART, CycleId};
 use panelprep::supervision::{Failure, ThreadFault};
 use panelprep::verdict::Verdict;
@@ -179,7 +179,7 @@ impl People {
         if desk.is_free() && now_ms >= away_until_ms.max(self.looked_ms + POLL_INTERVAL_MS) {
             self.looked_ms = now_ms;
             if let Some(what) = self.usual(state, is_another_part) {
-                let is_leave = matches!(what, What::Leave);
+                let is_leave = matches!(what, RequestKind::Leave);
                 // A second request to leave would abort.
                 if !(is_leave && std::mem::replace(&mut self.has_left, true)) {
                     desk.ask(OPERATOR, what);
@@ -218,8 +218,8 @@ impl People {
         }
     }
 
-    fn notes(&mut self, what: &What, state: &State, now_ms: u64) {
-        if let What::Table(request @ (cycle::Request::Stop | cycle::Request::Abort)) = what
+    fn notes(&mut self, what: &RequestKind, state: &State, now_ms: u64) {
+        if let RequestKind::Table(request @ (cycle::Request::Stop | cycle::Request::Abort)) = what
             && !state.at.rests()
         {
             self.stopping.get_or_insert((*request, now_ms));
@@ -227,16 +227,16 @@ impl People {
     }
 
     /// Returns the request of a person who follows the manual.
-    fn usual(&mut self, state: &State, is_another_part: bool) -> Option<What> {
+    fn usual(&mut self, state: &State, is_another_part: bool) -> Option<RequestKind> {
         let is_ready = state.facts.robot == Robot::Ready;
-        let table = |request| Some(What::Table(request));
+        let table = |request| Some(RequestKind::Table(request));
         let has_recovered = self.has_recovered(state);
         if matches!(self.aim, Aim::Recover { .. }) && has_recovered {
             self.aim = Aim::Leave;
         }
         match (self.aim, state.at) {
             (Aim::Leave, At::Held(_)) => table(cycle::Request::Stop),
-            (Aim::Leave, at) if at.rests() => Some(What::Leave),
+            (Aim::Leave, at) if at.rests() => Some(RequestKind::Leave),
             (Aim::Leave, At::Stopping { .. } | At::Aborting { .. } | At::Clearing { .. }) => None,
             (Aim::Leave, _) => table(cycle::Request::Stop),
             // A cycle that was in progress when the faults ended is stopped.
@@ -286,9 +286,9 @@ impl People {
         }
     }
 
-    fn on_news(&mut self, news: &News) {
+    fn on_news(&mut self, news: &LoopEvent) {
         match news {
-            News::Begun(..) => {
+            LoopEvent::Begun(..) => {
                 let mut world = self.world.lock();
                 world.counts.cycles += 1;
                 world.is_another_part = false;
@@ -300,7 +300,7 @@ impl People {
                 self.is_untroubled = self.aim == Aim::Recover { whole: true } && is_calm;
                 self.is_body_near = world.height_mm() <= BODY_CLEAR_MM;
             }
-            News::Concluded(verdict) => {
+            LoopEvent::Concluded(verdict) => {
                 self.held = 0;
                 self.ended += 1;
                 let mut world = self.world.lock();
@@ -313,7 +313,7 @@ impl People {
                 *world.counts.verdicts.entry(verdict.word()).or_default() += 1;
                 judges::concluded(&mut world, *verdict);
             }
-            News::Unable(reasons) => tracing::debug!("unable: {reasons:?}"),
+            LoopEvent::Unable(reasons) => tracing::debug!("unable: {reasons:?}"),
             _ => {}
         }
     }
@@ -356,12 +356,12 @@ impl Port<RequestCommand> for People {
             }
             RequestCommand::Next(state) => RequestAnswer::Next(self.next(&state)),
             RequestCommand::LetsIn(id) => RequestAnswer::LetsIn(self.admit(id).then_some(id)),
-            RequestCommand::Tell(news) => {
+            RequestCommand::Publish(news) => {
                 self.on_news(&news);
                 if let Some(desk) = &mut self.desk {
                     desk.on_news(news);
                 }
-                RequestAnswer::Told
+                RequestAnswer::Done
             }
         }
     }
@@ -372,25 +372,25 @@ fn asks_for_a_jog(state: &State) -> bool {
     state.at == At::Aborted { cause: Cause::Trouble(Trouble::Gate) }
 }
 
-fn begin(is_another_part: bool) -> What {
+fn begin(is_another_part: bool) -> RequestKind {
     let mut prepared = Fixture::get().prepared();
     if is_another_part {
         prepared.start.file_texts.push((ANOTHER_PART.to_owned(), "yes".to_owned()));
     }
-    What::Begin(Box::new(prepared))
+    RequestKind::Begin(Box::new(prepared))
 }
 
-fn whats(press: Press, is_another_part: bool) -> Vec<What> {
+fn whats(press: Press, is_another_part: bool) -> Vec<RequestKind> {
     match press {
         Press::Start => vec![begin(is_another_part)],
-        Press::NewDisc => vec![What::NewDisc],
-        Press::Leave => vec![What::Leave],
-        Press::Unprepared => vec![What::Unprepared { recipe: "none.toml".to_owned(), reasons: vec![] }],
+        Press::NewDisc => vec![RequestKind::NewDisc],
+        Press::Leave => vec![RequestKind::Leave],
+        Press::Unprepared => vec![RequestKind::Unprepared { recipe: "none.toml".to_owned(), reasons: vec![] }],
         Press::Everything => script::requests(press)
             .into_iter()
-            .map(What::Table)
-            .chain([begin(is_another_part), What::NewDisc])
+            .map(RequestKind::Table)
+            .chain([begin(is_another_part), RequestKind::NewDisc])
             .collect(),
-        press => script::requests(press).into_iter().map(What::Table).collect(),
+        press => script::requests(press).into_iter().map(RequestKind::Table).collect(),
     }
 }

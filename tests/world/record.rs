@@ -247,7 +247,7 @@ fn of_contact(command: &RecordCommand) -> Option<RecordCommand> {
         RecordCommand::OpenContact { motion, path, permitted } => {
             RecordCommand::OpenContact { motion: *motion, path: path.clone(), permitted: *permitted }
         }
-        RecordCommand::Event(event @ Event::Told(Report::Progress { .. })) => RecordCommand::Event(*event),
+        RecordCommand::Event(event @ Event::Reported(Report::Progress { .. })) => RecordCommand::Event(*event),
         RecordCommand::CloseIntent { motion, outcome, done } => {
             RecordCommand::CloseIntent { motion: *motion, outcome: *outcome, done: *done }
         }

@@ -6,7 +6,7 @@ use super::disk;
 use super::inside::Inside;
 use super::ledger::Ledger;
 use super::sabotage::Sabotage;
-use panelprep::backup::{self, Permission, Plan, Wanted};
+use panelprep::backup::{self, Permission, Plan, RestoredParts};
 use panelprep::cycle::{At, Cause, State};
 use std::path::{Path, PathBuf};
 
@@ -47,7 +47,7 @@ impl Running {
             archive: &backup.archive,
             cell: Path::new("/nowhere/cell.toml"),
             store: Some(&self.store()),
-            wanted: Wanted { store: true, configuration: false },
+            wanted: RestoredParts { store: true, configuration: false },
             permission: Permission { replace_store: true, ..Permission::default() },
         };
         let restored = backup::restore(&plan);

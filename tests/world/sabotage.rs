@@ -134,11 +134,11 @@ impl Sabotage {
 
     /// Returns whether this command is acknowledged and not written.
     pub fn skips(self, command: &RecordCommand) -> bool {
-        use panelprep::cycle::Event::Told;
+        use panelprep::cycle::Event::Reported;
         let Sabotage::NotWritten(row) = self else { return false };
         match row {
             Row::Event => matches!(command, RecordCommand::Event(_)),
-            Row::Progress => matches!(command, RecordCommand::Event(Told(Report::Progress { .. }))),
+            Row::Progress => matches!(command, RecordCommand::Event(Reported(Report::Progress { .. }))),
             Row::Verdict => matches!(command, RecordCommand::Conclude { .. }),
             Row::Finding => matches!(command, RecordCommand::Note(Note::Finding(_))),
             Row::Asked => matches!(command, RecordCommand::Asked(_)),

@@ -52,7 +52,7 @@ impl Wear {
                 let wears_mm2 = path.wears_mm2;
                 is_less.then(|| format!("a path that wears {wears_mm2} mm² begins, counted are {counted_mm2} mm²"))
             }
-            (RecordCommand::Event(Event::Told(Report::Progress { done, .. })), _) => {
+            (RecordCommand::Event(Event::Reported(Report::Progress { done, .. })), _) => {
                 self.told = self.told.max(*done);
                 None
             }

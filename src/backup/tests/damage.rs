@@ -69,7 +69,7 @@ fn a_full_disk_leaves_all_as_it_was() {
 
     let archive = cell.at("cell.tar.zst");
     cell.backup(&archive).expect("written");
-    let wanted = Wanted { store: true, configuration: false };
+    let wanted = RestoredParts { store: true, configuration: false };
     let store = disk.folder().join("store");
     let file = cell.at("cell.toml");
     let on_disk = Plan { wanted, store: Some(&store), ..plan(&archive, &file) };

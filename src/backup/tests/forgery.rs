@@ -84,7 +84,7 @@ fn a_forged_archive_is_refused_and_changes_nothing() {
     ));
     for (words, entries) in cases {
         forge(&archive, &manifest(&entries), &entries);
-        let wanted = Wanted { store: false, configuration: true };
+        let wanted = RestoredParts { store: false, configuration: true };
         let told = restore(&Plan { wanted, ..plan(&archive, &cell) }).expect_err("refused").to_string();
         assert!(told.contains(words), "{words}: {told}");
         let names: Vec<_> =
@@ -93,7 +93,7 @@ fn a_forged_archive_is_refused_and_changes_nothing() {
     }
     // More, and less, than the manifest states; a newer format.
     let entries = named("configuration/recipes/wing.toml");
-    let wanted = Wanted { store: false, configuration: true };
+    let wanted = RestoredParts { store: false, configuration: true };
     for (manifest, words) in [
         (manifest(&entries[..1]), "more files than its manifest lists"),
         (
@@ -144,7 +144,7 @@ fn a_store_that_is_not_what_was_written_is_neither_packed_nor_restored() {
     let entries: Vec<Forged> = files.into_iter().chain(blobs).collect();
     forge(&archive, &Manifest { links: Some(9), ..manifest(&entries) }, &entries);
     let before = content(cell.0.path());
-    let wanted = Wanted { store: true, configuration: false };
+    let wanted = RestoredParts { store: true, configuration: false };
     let other = cell.at("other-store");
     let restored =
         restore(&Plan { wanted, store: Some(&other), ..plan(&archive, &cell.at("cell.toml")) }).expect("looked at");

@@ -16,7 +16,7 @@ use tempfile::TempDir;
 const CELL: &str = "store = \"store\"\n[calibration]\nscanner = \"calibration/scanner.toml\"\n";
 const LENS: &str = "[camera]\n";
 const RECIPE: &str = "panel = \"wing\"\n";
-const BOTH: Wanted = Wanted { store: true, configuration: true };
+const BOTH: RestoredParts = RestoredParts { store: true, configuration: true };
 
 /// A cell in a folder of its own, with a taught panel.
 struct SmallCell(TempDir);
@@ -182,7 +182,7 @@ fn files_outside_of_the_cells_folder_need_a_word() {
     };
     let archive = cell.at("cell.tar.zst");
     write(&archive, None, Some(&configuration), 0).expect("written");
-    let wanted = Wanted { store: false, configuration: true };
+    let wanted = RestoredParts { store: false, configuration: true };
     let file = cell.at("new/cells/cell.toml");
     let refused = restore(&Plan { wanted, ..plan(&archive, &file) }).expect_err("outside").to_string();
     assert!(refused.contains("../lenses/scanner.toml") && refused.contains("--outside"), "{refused}");

@@ -2,8 +2,8 @@
 
 use super::found::ScannerErrors;
 use super::plane_view::PlaneView;
+use crate::number_text::apart;
 use crate::verdict::{Check, SetBy};
-use crate::words::apart;
 
 /// Fewer places give no information on a working volume.
 pub const MIN_PLACES: usize = 8;

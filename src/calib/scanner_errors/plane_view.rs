@@ -12,7 +12,7 @@ use crate::geometry::statistics::SIGMA_OF_MEDIAN;
 use crate::geometry::{
     Camera, DepthField, OrganizedCloud, PinholeCamera, Point, REFERENCE_DEPTH_MM, median_between,
 };
-use crate::words::fixed;
+use crate::number_text::fixed;
 use nalgebra::{DMatrix, Vector3};
 use std::collections::BTreeMap;
 

@@ -1,6 +1,6 @@
 //! Conflicts between the channels of one controller: the same name, port, flag or output, and addresses that differ.
 
-use super::traps::is_address;
+use super::pitfalls::is_address;
 use crate::config::Problem;
 use crate::eki::channel::{Stated, StatedChannel};
 

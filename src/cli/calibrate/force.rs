@@ -12,9 +12,9 @@ use crate::calib::health::{self, TOOL_FORCE, Verification, VerificationLimits};
 use crate::cell::CompliantTool;
 use crate::force::{Weight, downwards};
 use crate::geometry::{Base, Flange, Rigid, STANDARD_GRAVITY_M_S2, Tool};
+use crate::number_text::apart;
 use crate::store::{Store, calibration_hash};
 use crate::verdict::{Check, Judgement, SetBy};
-use crate::words::apart;
 use serde_json::json;
 use std::path::Path;
 

@@ -5,16 +5,16 @@ use super::super::disk;
 use super::super::fault::Fault;
 use super::super::outcome::Outcome;
 use super::args::{HandEye as Args, MountName};
+use super::arm_correction::InUse;
 use super::board_image::BoardImage;
 use super::boards;
-use super::in_use::InUse;
-use super::keeping::{keep, provenance};
 use super::mounted::{Mounted, cell, intrinsics};
+use super::output::{keep, provenance};
 use super::{date, files};
+use crate::calib::board_orientation::same_way_round;
 use crate::calib::detect::Detected;
 use crate::calib::gate::PosesFrom;
 use crate::calib::hand_eye::{MIN_STATIONS, hand_eye};
-use crate::calib::turned::same_way_round;
 use crate::calib::{Arrangement, Board, BoardObservation, CalibError, HandEye, Station, gate, next_pose};
 use crate::cell::{FlangeCameraMount, MountedPose, ScannerMount};
 use crate::geometry::{Base, Frame, KukaPose, PinholeCamera, Point, Rigid};
@@ -37,7 +37,7 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
 }
 
 /// A picture that shows the board, with the pose that the robot reported.
-struct Look {
+struct BoardPicture {
     board_image: BoardImage,
     detected: Detected,
     base_from_flange: Rigid<Base, crate::geometry::Flange>,
@@ -75,7 +75,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     if let Some(covariance) = &lens.covariance {
         found = found.with_lens(&camera, &stations, covariance).map_err(Fault::stage)?;
     }
-    let (with_points, measured): (Vec<&Look>, Vec<Station<A::From>>) = looks
+    let (with_points, measured): (Vec<&BoardPicture>, Vec<Station<A::From>>) = looks
         .iter()
         .filter_map(|look| Some((look, station(look, points_of::<A>(look, (&camera, &errors))?))))
         .unzip();
@@ -127,7 +127,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     mounted.robot_correction = arm.map(|arm| arm.hash);
     mounted.rms_mm = Some(kept.rms_mm);
     mounted.uncertainty_mm = Some(kept.uncertainty_mm);
-    let of_kept: Vec<&Look> = if second.is_some() { with_points } else { looks.iter().collect() };
+    let of_kept: Vec<&BoardPicture> = if second.is_some() { with_points } else { looks.iter().collect() };
     let used = of_kept.into_iter().zip(&kept.residuals).filter(|(_, residual)| residual.used);
     let (hashes, residuals) = used.map(|(look, residual)| (look.board_image.hash.clone(), residual.mm)).unzip();
     mounted.provenance = provenance(hashes, residuals);
@@ -146,7 +146,10 @@ fn refused(error: &CalibError, out: &Path) -> Outcome {
 }
 
 /// The corners as the 3D camera measured them, if it measured most of them.
-fn points_of<A: Mounted>(look: &Look, camera: (&PinholeCamera, &ScanErrors)) -> Option<BoardObservation<A::From>> {
+fn points_of<A: Mounted>(
+    look: &BoardPicture,
+    camera: (&PinholeCamera, &ScanErrors),
+) -> Option<BoardObservation<A::From>> {
     let seen = look.board_image.measured(camera, &look.detected)?;
     let BoardObservation::Points(points) = &seen else { return None };
     if 2 * points.len() < look.detected.corners.len() {
@@ -159,7 +162,7 @@ fn pose_of<A: Arrangement>(found: &HandEye<A>) -> KukaPose {
     KukaPose::from_rigid(&found.adjusted.to_from_camera)
 }
 
-fn station<C: Frame>(look: &Look, seen: BoardObservation<C>) -> Station<C> {
+fn station<C: Frame>(look: &BoardPicture, seen: BoardObservation<C>) -> Station<C> {
     Station { name: look.board_image.name.clone(), base_from_flange: look.base_from_flange, seen }
 }
 
@@ -169,7 +172,7 @@ fn looks(
     (board, arm): (&Board, Option<&InUse>),
     camera: &PinholeCamera,
     progress: &(dyn Fn(&str) + Sync),
-) -> Result<(Vec<Look>, Vec<(String, String)>), Fault> {
+) -> Result<(Vec<BoardPicture>, Vec<(String, String)>), Fault> {
     let (Some(file), Some(folder)) = (&args.poses, &args.images) else {
         return Err(Fault::stage(CalibError::Points("--poses and --images belong together".to_owned())));
     };
@@ -185,14 +188,15 @@ fn looks(
             None => pose.base_from_flange,
             Some(arm) => arm.flange((file, &pose.image), pose.base_from_flange, pose.joints.as_ref())?,
         };
-        Ok(found.map_err(|error| (pose.image.clone(), error.to_string())).map(|detected| Look {
+        Ok(found.map_err(|error| (pose.image.clone(), error.to_string())).map(|detected| BoardPicture {
             board_image,
             detected,
             base_from_flange,
             has_axes: pose.joints.is_some(),
         }))
     };
-    let all: Vec<Result<Look, (String, String)>> = poses.par_iter().map(look).collect::<Result<_, Fault>>()?;
+    let all: Vec<Result<BoardPicture, (String, String)>> =
+        poses.par_iter().map(look).collect::<Result<_, Fault>>()?;
     let (mut looks, mut aside) = (Vec::new(), Vec::new());
     for found in all {
         match found {

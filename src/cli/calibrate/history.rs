@@ -9,9 +9,9 @@ use super::args::StrikeOut;
 use super::date;
 use crate::calib::health::{self, Strike, TOOL_FORCE, Verification};
 use crate::cell::Date;
+use crate::number_text::apart;
 use crate::store::Store;
 use crate::verdict::Judgement;
-use crate::words::apart;
 use serde_json::{Value, json};
 
 /// Lists the verifications.

@@ -7,7 +7,7 @@ use super::super::pictures;
 use super::args::{Intrinsics as Args, ModelName};
 use super::boards;
 use super::date;
-use super::keeping::{keep, provenance};
+use super::output::{keep, provenance};
 use crate::calib::detect::{self, Detected};
 use crate::calib::intrinsics::{Calibrated, LensModel, MIN_VIEWS, Options, View, ViewResult, calibrate};
 use crate::calib::{Board, CalibError, gate};

@@ -3,6 +3,7 @@
 //! A rejected calibration is not written; one under review is written, and its doubts are reported.
 
 pub mod args;
+mod arm_correction;
 mod board_image;
 mod boards;
 pub mod date;
@@ -10,11 +11,10 @@ mod files;
 pub mod force;
 mod hand_eye;
 mod history;
-mod in_use;
 mod intrinsics;
-mod keeping;
 pub mod live;
 mod mounted;
+mod output;
 mod over_volume;
 pub mod removal;
 mod robot;

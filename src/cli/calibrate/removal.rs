@@ -5,9 +5,10 @@ use super::super::fault::Fault;
 use super::super::outcome::Outcome;
 use super::args::Removal as Args;
 use super::date;
-use super::keeping::{keep, provenance};
+use super::output::{keep, provenance};
 use crate::cell::RemovalCalibration;
 use crate::files::content_hash;
+use crate::number_text::fixed;
 use crate::removal::coupons::{Coupon, CouponTool};
 use crate::removal::fit::{Fitted, fit};
 use crate::removal::gate;
@@ -16,7 +17,6 @@ use crate::removal::pad::Pad;
 use crate::removal::speed::Orbit;
 use crate::removal::table::read_coupons;
 use crate::verdict::{Judgement, Reason};
-use crate::words::fixed;
 use serde_json::{Value, json};
 
 /// Fits the model, reports how well it predicts left-out coupons, and writes it.

@@ -7,14 +7,14 @@ use super::super::outcome::Outcome;
 use super::args::Robot as Args;
 use super::board_image::BoardImage;
 use super::boards;
-use super::keeping::{keep, provenance};
 use super::mounted;
+use super::output::{keep, provenance};
 use super::{date, files, robot_advice};
+use crate::calib::board_orientation::same_way_round;
 use crate::calib::hand_eye::{MIN_STATIONS, hand_eye as mount_of};
 use crate::calib::robot::{
     self, ArmPose, ArmTouch, ArmView, Correction, Rig, RigKind, RobotData, RobotFound, Touched,
 };
-use crate::calib::turned::same_way_round;
 use crate::calib::{Arrangement, BoardObservation, CalibError, Station, arm_errors, board_pose, gate, robot_next};
 use crate::cell::{ArmGeometry, Cell, FlangeCameraMount, RobotCorrection, ScannerMount};
 use crate::geometry::{Camera, PinholeCamera};
@@ -23,7 +23,7 @@ use serde_json::json;
 use std::path::Path;
 
 /// A picture that shows the board.
-struct Look {
+struct BoardPicture {
     board_image: BoardImage,
     corners: crate::calib::detect::Corners,
     pose: ArmPose,
@@ -169,7 +169,7 @@ fn looks(
     camera: &PinholeCamera,
     aside: &mut Vec<(String, String)>,
     progress: &(dyn Fn(&str) + Sync),
-) -> Result<Vec<Look>, Fault> {
+) -> Result<Vec<BoardPicture>, Fault> {
     let board = boards::board(&args.board)?;
     let folder = file.parent().unwrap_or(Path::new("."));
     let is_there = |image: &str| folder.join(image).is_file();
@@ -178,13 +178,14 @@ fn looks(
     let look = |pose: &files::NamedPose| {
         let board_image = BoardImage::read(&folder.join(&pose.image), camera)?;
         let found = board_image.detect(&board, boards::window(&args.board));
-        Ok(found.map_err(|error| (pose.image.clone(), error.to_string())).map(|detected| Look {
+        Ok(found.map_err(|error| (pose.image.clone(), error.to_string())).map(|detected| BoardPicture {
             board_image,
             corners: detected.corners,
             pose: arm_pose(&pose.pose, geometry),
         }))
     };
-    let all: Vec<Result<Look, (String, String)>> = poses.par_iter().map(look).collect::<Result<_, Fault>>()?;
+    let all: Vec<Result<BoardPicture, (String, String)>> =
+        poses.par_iter().map(look).collect::<Result<_, Fault>>()?;
     Ok(all.into_iter().filter_map(|found| found.map_err(|reason| aside.push(reason)).ok()).collect())
 }
 
@@ -194,7 +195,7 @@ fn start<A: Arrangement>(
     args: &Args,
     kind: RigKind,
     camera: &PinholeCamera,
-    looks: &mut [Look],
+    looks: &mut [BoardPicture],
 ) -> Result<Rig, Fault> {
     let board = boards::board(&args.board)?;
     let mut pictures: Vec<_> =

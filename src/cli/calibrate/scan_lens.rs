@@ -6,12 +6,12 @@ use super::super::fault::Fault;
 use super::super::outcome::Outcome;
 use super::args::Intrinsics as Args;
 use super::date;
-use super::keeping::{keep, provenance};
+use super::output::{keep, provenance};
 use crate::cell::Intrinsics;
 use crate::files;
 use crate::geometry::{lens_of, sampled};
+use crate::number_text::apart;
 use crate::verdict::{Judgement, Reason};
-use crate::words::apart;
 use serde_json::json;
 use std::path::Path;
 

@@ -10,8 +10,8 @@ use super::super::fault::Fault;
 use super::super::load::CellFiles;
 use super::files::Points;
 use crate::geometry::{Flange, Point, Rigid, Tool};
+use crate::number_text;
 use crate::path::Kinematics;
-use crate::words;
 use std::path::Path;
 
 /// Maximum difference between the pendant's tool and the cell's tool, mm: a new calibration changes the tool by
@@ -44,7 +44,7 @@ pub fn by_axes(
         let tip = Point::at(0.0, 0.0, 0.0);
         let apart_mm = touched.place.distance_mm(drawn * *flange_from_tool * tip);
         if apart_mm > SAME_TOOL_MM {
-            let [off, allowed] = words::apart(apart_mm, SAME_TOOL_MM, 1);
+            let [off, allowed] = number_text::apart(apart_mm, SAME_TOOL_MM, 1);
             return Err(Fault::file(
                 file,
                 format!(

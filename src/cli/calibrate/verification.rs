@@ -6,10 +6,10 @@ use super::super::load::CellFiles;
 use super::super::outcome::Outcome;
 use super::date;
 use crate::calib::health::{self, Verification, VerificationLimits};
+use crate::number_text::apart;
 use crate::report::{self};
 use crate::store::Store;
 use crate::verdict::Judgement;
-use crate::words::apart;
 use serde_json::json;
 use std::path::Path;
 

@@ -8,7 +8,7 @@ use super::super::outcome::Outcome;
 use super::args::{BoardArgs, CameraName, Touch, Verify};
 use super::board_image::BoardImage;
 use super::boards;
-use super::keeping::provenance;
+use super::output::provenance;
 use super::over_volume;
 use super::target::Target;
 use super::verification::{kept, verification};

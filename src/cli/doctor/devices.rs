@@ -6,7 +6,7 @@ use crate::cell::{Camera, Cell, Gige, RobotKind};
 use crate::cli::fault::Fault;
 use crate::cli::load::{Calibrated, CellFiles};
 use crate::cli::shoot::opening;
-use crate::cli::{asking, live};
+use crate::cli::{live, service_request};
 use crate::daemon::{Single, SingleError};
 use crate::devices::cameras::{CameraError, RecordedFlangeCamera, RecordedScanner};
 use crate::eki::LinkLoss;
@@ -39,12 +39,12 @@ pub(super) fn cameras(files: &CellFiles, warm_up: bool) -> Vec<Check> {
 /// Also returns the size if it is known: from its calibration, else from the camera itself.
 #[cfg(feature = "gige")]
 fn gige_camera(files: &CellFiles, gige: &Gige) -> (Check, Option<[usize; 2]>) {
-    use super::borrowed::borrowed;
+    use super::leased_camera::borrowed;
     use crate::daemon::BorrowedFlangeCamera;
     use crate::devices::cameras::FlangeCamera as _;
     let name = "flange camera";
     let calibrated = || files.flange_camera().ok().map(|lens| [lens.value.width_px, lens.value.height_px]);
-    if let Some(state) = asking::state_of(&files.socket()) {
+    if let Some(state) = service_request::state_of(&files.socket()) {
         let taken = BorrowedFlangeCamera::new(files.socket()).capture();
         return (borrowed(name, &state, taken.map(|taken| taken.picture)), calibrated());
     }
@@ -93,7 +93,7 @@ fn recorded(
 /// Checks whether the service runs and whether the robot answers. If the service holds the robot's ports, the
 /// service is queried.
 pub(super) fn robot_and_service(files: &CellFiles, sum: Option<i32>) -> Vec<Check> {
-    match asking::state_of(&files.socket()) {
+    match service_request::state_of(&files.socket()) {
         Some(state) => {
             let robot = format!("in use by the service, which is {state}");
             vec![Check::right("service", format!("runs: {state}")), Check::right("robot", robot)]

@@ -5,21 +5,21 @@
 //! failure. `judge` turns facts into text. `machine` finds the facts of the computer, `cell` those of the cell's
 //! files, `devices`, `tool` and `zivid` those of connected devices, and `plant` those outside the cell.
 
-mod borrowed;
 mod cell;
 mod check;
 mod devices;
 mod judge;
+mod leased_camera;
 mod machine;
 mod plant;
 mod tool;
 mod zivid;
 
 use super::args::{Common, Doctor};
-use super::asking;
 use super::fault::Fault;
 use super::load::CellFiles;
 use super::outcome::Outcome;
+use super::service_request;
 use crate::verdict::{Judgement, Reason, Verdict};
 use check::{Check, Status};
 pub(in crate::cli) use judge::scarce;
@@ -65,7 +65,7 @@ fn of_cell(args: &Doctor, common: &Common, files: &CellFiles) -> Vec<Check> {
     checks.extend(devices::cameras(files, args.warm_up));
     checks.extend(devices::robot_and_service(files, programs.sum));
     checks.extend(plant::check(&files.cell));
-    checks.extend(tool::check(&files.cell, asking::state_of(&files.socket()).is_some()));
+    checks.extend(tool::check(&files.cell, service_request::state_of(&files.socket()).is_some()));
     checks
 }
 

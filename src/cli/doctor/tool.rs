@@ -3,9 +3,9 @@
 
 use super::check::Check;
 use crate::cell::{Cell, CompliantTool};
-use crate::devices::acf::{AcfLink, ConnectedTool as _, ToolNews};
+use crate::devices::acf::{AcfLink, ConnectedTool as _, ToolReport};
 use crate::force::{Loss, Reading, unready};
-use crate::words::fixed;
+use crate::number_text::fixed;
 use std::time::{Duration, Instant};
 
 const NAME: &str = "compliant tool";
@@ -40,8 +40,8 @@ fn looked_at(tool: &CompliantTool, mut link: AcfLink) -> Check {
     let (mut last, mut lost): (Option<Reading>, Option<Loss>) = (None, None);
     while began.elapsed() < RESPONSE_TIMEOUT {
         match link.news() {
-            Some(ToolNews::Reading { reading, .. }) => (last, lost) = (Some(reading), None),
-            Some(ToolNews::Lost(loss)) => lost = Some(loss),
+            Some(ToolReport::Reading { reading, .. }) => (last, lost) = (Some(reading), None),
+            Some(ToolReport::Lost(loss)) => lost = Some(loss),
             None => std::thread::sleep(Duration::from_millis(5)),
         }
         if last.is_some_and(|reading| unready(&reading, tool.stroke_mm).is_none()) {

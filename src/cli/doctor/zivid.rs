@@ -1,14 +1,14 @@
 //! Checks of a Zivid: whether it delivers, whether the light is suitable for its exposures, whether it is warm, and
 //! on which device its SDK computes.
 
-use super::borrowed::borrowed;
 use super::check::Check;
+use super::leased_camera::borrowed;
 use super::{judge, machine};
 use crate::cell::ZividCamera;
-use crate::cli::asking;
 use crate::cli::load::CellFiles;
+use crate::cli::service_request;
 use crate::cli::shoot::opening;
-use crate::daemon::BorrowedScanner;
+use crate::daemon::RemoteScanner;
 use crate::devices::cameras::Scanner as _;
 use crate::devices::zivid::{Patience, ZividFault, ZividScanner};
 use crate::geometry::PinholeCamera;
@@ -18,8 +18,8 @@ use std::time::{Duration, Instant};
 /// minutes and follows the camera's temperature.
 pub(super) fn checks(files: &CellFiles, camera: &ZividCamera, warm_up: bool) -> Vec<Check> {
     let graphics = machine::graphics_processor();
-    if let Some(state) = asking::state_of(&files.socket()) {
-        let taken = BorrowedScanner::new(files.socket()).capture_3d();
+    if let Some(state) = service_request::state_of(&files.socket()) {
+        let taken = RemoteScanner::new(files.socket()).capture_3d();
         return vec![graphics, borrowed("scanner", &state, taken.map(|taken| taken.cloud.picture()))];
     }
     let lens = opening::lens(files.scanner());

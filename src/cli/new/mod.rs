@@ -5,9 +5,9 @@
 //!
 //! - `ask`: questions and answers · `connected`: what answers at the cell · `cell` · `recipe`
 
-mod ask;
 mod cell;
 mod connected;
+mod questions;
 mod recipe;
 mod setting;
 

@@ -4,14 +4,14 @@ use super::super::args::{Common, NewRecipe};
 use super::super::disk;
 use super::super::fault::Fault;
 use super::super::outcome::Outcome;
-use super::ask::{Asker, BoxMm, Question, Refusal};
+use super::questions::{Asker, BoxMm, Question, Refusal};
 use super::setting::{joined, refusal, set};
 use crate::cell::Cell;
 use crate::config::{Problem, Problems};
+use crate::number_text::plain;
 use crate::requirements::problems_of;
 use crate::requirements::recipe_fits::{plausible, unfit};
 use crate::verdict::{Judgement, Verdict};
-use crate::words::plain;
 use serde_json::json;
 use toml_edit::{Array, DocumentMut, Value};
 

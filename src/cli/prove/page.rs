@@ -2,9 +2,9 @@
 
 use super::super::calibrate::now_unix_s;
 use super::proof::{Finding, Proof};
-use super::tries::ControllerKind;
+use super::unattended::ControllerKind;
 use crate::cell::Robot;
-use crate::words::utc;
+use crate::number_text::utc;
 use maud::{DOCTYPE, PreEscaped, html};
 
 const STYLE: &str = "body{font:14px/1.4 sans-serif;max-width:1100px;margin:2em auto}table{border-collapse:collapse;width:100%}\

@@ -5,13 +5,13 @@
 //! [`UNKNOWN_PX`]; it refuses and reports its real size, and is then opened for that size.
 
 use super::super::args::{Shot, Simulation};
-use super::super::asking;
 use super::super::fault::{CalibrationFault, DeviceFault, Fault};
 use super::super::live::{self, Simulated};
 use super::super::load::{Calibrated, CellFiles};
+use super::super::service_request;
 use super::super::zivid;
 use crate::cell::{self, RobotKind};
-use crate::daemon::{BorrowedFlangeCamera, BorrowedScanner};
+use crate::daemon::{BorrowedFlangeCamera, RemoteScanner};
 use crate::devices::UNKNOWN_PX;
 use crate::devices::cameras::{CameraError, FlangeCamera, RecordedFlangeCamera, RecordedScanner, Scanner, Which};
 use crate::devices::zivid::{Patience, ZividFault, ZividScanner};
@@ -112,7 +112,7 @@ fn simulated(files: &CellFiles, wanted: &Wanted, scanner: Option<PinholeCamera>)
 /// The socket of the service, if it runs and has this camera. A recording is played by the program that opens it.
 fn service(files: &CellFiles, is_recorded: bool, progress: &dyn Fn(&str)) -> Option<PathBuf> {
     let socket = files.socket();
-    let state = if is_recorded { None } else { asking::state_of(&socket) }?;
+    let state = if is_recorded { None } else { service_request::state_of(&socket) }?;
     progress(&format!("the service, which is {state}, takes the pictures"));
     Some(socket)
 }
@@ -128,7 +128,7 @@ pub fn scanner(
 ) -> Result<Opened<Box<dyn Scanner>>, Fault> {
     let is_recorded = matches!(files.cell.scanner(), cell::Camera::Recorded { .. });
     if let Some(socket) = service(files, is_recorded, progress) {
-        return Ok(Opened::new(Box::new(BorrowedScanner::new(socket))));
+        return Ok(Opened::new(Box::new(RemoteScanner::new(socket))));
     }
     let lens = lens(files.scanner())?;
     match files.cell.scanner() {

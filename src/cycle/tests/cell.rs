@@ -71,7 +71,7 @@ pub struct Cell {
     pub concluded: bool,
     pub intent: Option<Motion>,
     /// Acts whose answers are no longer awaited.
-    pub stale: Vec<(Id, Act)>,
+    pub stale: Vec<(Id, Action)>,
     /// The armed deadline of each kind.
     pub timers: Vec<(Deadline, Id)>,
     pub journal: Vec<Event>,
@@ -148,7 +148,7 @@ impl Cell {
 
     /// The truth of an event, before the table receives it.
     fn happen(&mut self, event: Event) {
-        let Event::Told(report) = event else { return };
+        let Event::Reported(report) = event else { return };
         match report {
             Report::Answered { id, answer } => {
                 if let Some(due) = self.state.due.filter(|due| due.id == id) {
@@ -226,15 +226,15 @@ impl Cell {
         }
     }
 
-    fn answered(&mut self, act: Act, answer: Answer) {
+    fn answered(&mut self, act: Action, answer: Answer) {
         match (act, answer) {
-            (Act::Move(motion), Answer::Stands { done }) => {
+            (Action::Move(motion), Answer::Standstill { done }) => {
                 self.touches(motion);
                 self.moving = None;
                 self.arm = (done == motion.waypoints).then_some(motion.path);
                 self.flown |= self.arm == Some(Path::Air);
             }
-            (Act::EndEpoch { .. }, Answer::Stands { .. }) => {
+            (Action::EndEpoch { .. }, Answer::Standstill { .. }) => {
                 if let Some(moving) = self.moving.take() {
                     self.touches(moving.motion);
                     self.arm = None;
@@ -242,35 +242,37 @@ impl Cell {
                 self.ending = false;
                 self.switched_off();
             }
-            (Act::Stand, Answer::Stands { .. }) => self.moving = None,
-            (Act::OpenEpoch { .. }, Answer::Epoch(epoch)) => {
+            (Action::CheckStandstill, Answer::Standstill { .. }) => self.moving = None,
+            (Action::OpenEpoch { .. }, Answer::Epoch(epoch)) => {
                 (self.epoch, self.epoch_open, self.opening) = (epoch, true, false);
                 (self.frames, self.ending) = (None, false);
             }
-            (Act::SetFrames(frames), Answer::Done) => self.frames = Some(frames),
-            (Act::SelfTest, Answer::Done) => self.tested = true,
-            (Act::Switch(Switch::ToolOff), Answer::Done) => self.tool_on = false,
-            (Act::Switch(Switch::ToolOn), Answer::Done) => self.tool_proven = true,
-            (Act::Switch(Switch::WaterOff), Answer::Done) => self.water_on = false,
-            (Act::Switch(Switch::ExtractionOn), Answer::Done) => self.extraction_proven = true,
-            (Act::DryPicture, Answer::Done) => (self.dry_picture, self.sanded) = (true, false),
-            (Act::Locate | Act::Refine { .. }, Answer::Graded(Grade::Review)) => self.reviewed = true,
-            (Act::Locate | Act::Refine { .. } | Act::Plan { .. }, Answer::Graded(Grade::Reject)) => {
+            (Action::SetFrames(frames), Answer::Done) => self.frames = Some(frames),
+            (Action::SelfTest, Answer::Done) => self.tested = true,
+            (Action::Switch(Switch::ToolOff), Answer::Done) => self.tool_on = false,
+            (Action::Switch(Switch::ToolOn), Answer::Done) => self.tool_proven = true,
+            (Action::Switch(Switch::WaterOff), Answer::Done) => self.water_on = false,
+            (Action::Switch(Switch::ExtractionOn), Answer::Done) => self.extraction_proven = true,
+            (Action::DryPicture, Answer::Done) => (self.dry_picture, self.sanded) = (true, false),
+            (Action::Locate | Action::Refine { .. }, Answer::Graded(Grade::Review)) => self.reviewed = true,
+            (Action::Locate | Action::Refine { .. } | Action::Plan { .. }, Answer::Graded(Grade::Reject)) => {
                 self.doomed = true
             }
-            (Act::Locate, Answer::Graded(Grade::Accept)) => (self.located, self.disturbed) = (true, false),
-            (Act::Refine { .. }, Answer::Graded(Grade::Accept)) => self.token = true,
-            (Act::Verify { .. }, Answer::Graded(Grade::Accept)) => {
+            (Action::Locate, Answer::Graded(Grade::Accept)) => (self.located, self.disturbed) = (true, false),
+            (Action::Refine { .. }, Answer::Graded(Grade::Accept)) => self.token = true,
+            (Action::Verify { .. }, Answer::Graded(Grade::Accept)) => {
                 (self.token, self.verified, self.disturbed) = (true, true, false);
             }
-            (Act::Assess, Answer::Graded(grade)) => {
+            (Action::Assess, Answer::Graded(grade)) => {
                 self.ungraded = false;
                 self.doomed |= grade == Grade::Reject;
                 self.contact_reviewed |= grade == Grade::Review;
             }
-            (Act::Plan { .. }, Answer::Planned { .. }) => self.verified = false,
-            (Act::Plan { .. }, Answer::PlannedForReview { .. }) => (self.verified, self.reviewed) = (false, true),
-            (Act::Film, Answer::Filmed(film)) => {
+            (Action::Plan { .. }, Answer::Planned { .. }) => self.verified = false,
+            (Action::Plan { .. }, Answer::PlannedForReview { .. }) => {
+                (self.verified, self.reviewed) = (false, true)
+            }
+            (Action::Film, Answer::Filmed(film)) => {
                 self.film = Some(film);
                 self.verified = false;
                 self.doomed |= film == Film::Invalid;

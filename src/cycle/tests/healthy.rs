@@ -13,21 +13,21 @@ impl Cell {
     /// The next event if nothing goes wrong; `None` would be a dead end.
     pub fn healthy(&mut self, random: &mut Pcg64) -> Option<Event> {
         if self.condition_due {
-            return Some(Event::Told(Report::Robot(Robot::GuardOpen)));
+            return Some(Event::Reported(Report::Robot(Robot::GuardOpen)));
         }
         if let Some(due) = self.state.due {
-            return Some(Event::Told(self.answer(due, random)));
+            return Some(Event::Reported(self.answer(due, random)));
         }
         let waits = [Deadline::Rinse, Deadline::Spray, Deadline::Settle, Deadline::Drain];
         let timer = waits.iter().find_map(|wait| self.timers.iter().find(|(which, _)| which == wait));
         match timer {
             // A drain may continue if nothing waits for it.
             Some(&(which, id)) if !self.state.at.rests() || random.random_bool(0.5) => {
-                Some(Event::Told(Report::Deadline { id, which }))
+                Some(Event::Reported(Report::Deadline { id, which }))
             }
             _ if !self.state.at.rests() => None,
-            _ if self.robot != Robot::Ready => Some(Event::Told(Report::Robot(Robot::Ready))),
-            _ if self.full_override != Some(true) => Some(Event::Told(Report::FullOverride(true))),
+            _ if self.robot != Robot::Ready => Some(Event::Reported(Report::Robot(Robot::Ready))),
+            _ if self.full_override != Some(true) => Some(Event::Reported(Report::FullOverride(true))),
             _ => Some(Event::Asked(self.request(random))),
         }
     }
@@ -35,7 +35,7 @@ impl Cell {
     /// The next event if a person clears, resets and starts, and nothing goes wrong any more.
     pub fn recovering(&mut self, random: &mut Pcg64) -> Option<Event> {
         if self.robot != Robot::Ready && !self.condition_due {
-            return Some(Event::Told(Report::Robot(Robot::Ready)));
+            return Some(Event::Reported(Report::Robot(Robot::Ready)));
         }
         Some(match self.state.at {
             at if !at.rests() || self.condition_due => return self.healthy(random),
@@ -63,7 +63,7 @@ impl Cell {
     }
 
     fn answer(&mut self, due: Due, random: &mut Pcg64) -> Report {
-        if let (Act::Move(_), Some(moving)) = (due.act, self.moving.as_mut())
+        if let (Action::Move(_), Some(moving)) = (due.act, self.moving.as_mut())
             && moving.done < moving.motion.waypoints
         {
             moving.done += random.random_range(1..=moving.sent - moving.done);
@@ -75,20 +75,20 @@ impl Cell {
         };
         let done = self.moving.map_or(0, |moving| moving.done);
         let answer = match due.act {
-            Act::Stand | Act::EndEpoch { .. } => Answer::Stands { done },
-            Act::Move(motion) => Answer::Stands { done: motion.waypoints },
-            Act::OpenEpoch { above } => Answer::Epoch(above.max(self.epoch) + 1),
-            Act::SelfTest | Act::SetFrames(_) | Act::Switch(_) | Act::DryPicture => Answer::Done,
-            Act::Locate | Act::Assess => Answer::Graded(grade(random, 0.9)),
-            Act::Refine { view } if random.random_bool(1.0 / f64::from(view + 2)) => Answer::LookOn,
-            Act::Refine { .. } => Answer::Graded(grade(random, 0.95)),
-            Act::Verify { view } if random.random_bool(0.5 / f64::from(view + 1)) => Answer::LookOn,
-            Act::Verify { .. } => Answer::Graded(grade(random, 0.93)),
-            Act::Film if random.random_bool(0.03) => Answer::Filmed(Film::Invalid),
-            Act::Film => Answer::Filmed(if random.random_bool(0.7) { Film::Broken } else { Film::Whole }),
-            Act::Plan { .. } if random.random_bool(0.03) => Answer::Graded(Grade::Reject),
-            Act::Plan { .. } if random.random_bool(0.05) => Answer::Planned { plan: 0, waypoints: 0 },
-            Act::Plan { .. } => {
+            Action::CheckStandstill | Action::EndEpoch { .. } => Answer::Standstill { done },
+            Action::Move(motion) => Answer::Standstill { done: motion.waypoints },
+            Action::OpenEpoch { above } => Answer::Epoch(above.max(self.epoch) + 1),
+            Action::SelfTest | Action::SetFrames(_) | Action::Switch(_) | Action::DryPicture => Answer::Done,
+            Action::Locate | Action::Assess => Answer::Graded(grade(random, 0.9)),
+            Action::Refine { view } if random.random_bool(1.0 / f64::from(view + 2)) => Answer::LookOn,
+            Action::Refine { .. } => Answer::Graded(grade(random, 0.95)),
+            Action::Verify { view } if random.random_bool(0.5 / f64::from(view + 1)) => Answer::LookOn,
+            Action::Verify { .. } => Answer::Graded(grade(random, 0.93)),
+            Action::Film if random.random_bool(0.03) => Answer::Filmed(Film::Invalid),
+            Action::Film => Answer::Filmed(if random.random_bool(0.7) { Film::Broken } else { Film::Whole }),
+            Action::Plan { .. } if random.random_bool(0.03) => Answer::Graded(Grade::Reject),
+            Action::Plan { .. } if random.random_bool(0.05) => Answer::Planned { plan: 0, waypoints: 0 },
+            Action::Plan { .. } => {
                 let (plan, waypoints) = (random.random(), random.random_range(1..30));
                 match random.random_bool(0.1) {
                     true => Answer::PlannedForReview { plan, waypoints },
@@ -144,7 +144,7 @@ impl Cell {
                 None => Report::Robot(Robot::Ready),
             },
         };
-        Event::Told(told)
+        Event::Reported(told)
     }
 }
 
@@ -193,18 +193,18 @@ pub const ROBOTS: [Robot; 8] = [
 ];
 
 /// All possible answers to an act, fitting or not, except failures.
-pub fn answers(act: Act, id: Id) -> Vec<Report> {
-    let stands = |done| Answer::Stands { done };
+pub fn answers(act: Action, id: Id) -> Vec<Report> {
+    let stands = |done| Answer::Standstill { done };
     let graded = [Grade::Accept, Grade::Review, Grade::Reject].map(Answer::Graded);
     let answers = match act {
-        Act::Stand | Act::EndEpoch { .. } => vec![stands(0)],
-        Act::Move(motion) => vec![stands(motion.waypoints), stands(motion.waypoints.saturating_sub(1))],
-        Act::OpenEpoch { above } => vec![Answer::Epoch(above + 1), Answer::Epoch(above)],
-        Act::SelfTest | Act::SetFrames(_) | Act::Switch(_) | Act::DryPicture => vec![Answer::Done],
-        Act::Locate | Act::Assess => graded.to_vec(),
-        Act::Refine { .. } | Act::Verify { .. } => [&graded[..], &[Answer::LookOn]].concat(),
-        Act::Film => [Film::Whole, Film::Broken, Film::Invalid].map(Answer::Filmed).to_vec(),
-        Act::Plan { .. } => {
+        Action::CheckStandstill | Action::EndEpoch { .. } => vec![stands(0)],
+        Action::Move(motion) => vec![stands(motion.waypoints), stands(motion.waypoints.saturating_sub(1))],
+        Action::OpenEpoch { above } => vec![Answer::Epoch(above + 1), Answer::Epoch(above)],
+        Action::SelfTest | Action::SetFrames(_) | Action::Switch(_) | Action::DryPicture => vec![Answer::Done],
+        Action::Locate | Action::Assess => graded.to_vec(),
+        Action::Refine { .. } | Action::Verify { .. } => [&graded[..], &[Answer::LookOn]].concat(),
+        Action::Film => [Film::Whole, Film::Broken, Film::Invalid].map(Answer::Filmed).to_vec(),
+        Action::Plan { .. } => {
             let (plan, waypoints) = (7, 3);
             let nothing_left = Answer::Planned { plan: 0, waypoints: 0 };
             let planned = [Answer::Planned { plan, waypoints }, Answer::PlannedForReview { plan, waypoints }];

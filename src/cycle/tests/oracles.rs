@@ -26,8 +26,8 @@ impl Cell {
                 Effect::Do { id, act } => {
                     never(!self.timers.contains(&(Deadline::Answer, id)), "an act without a deadline")?;
                     never(self.state.due != Some(Due { id, act }), "an act that nobody waits for")?;
-                    never(event == Event::Told(Report::Boot), "a new program acts unasked")?;
-                    if let Act::Move(motion) = act {
+                    never(event == Event::Reported(Report::Boot), "a new program acts unasked")?;
+                    if let Action::Move(motion) = act {
                         // I9: each motion that is sent was committed before.
                         never(opened != Some(motion), "a motion that is not committed before")?;
                     }
@@ -67,46 +67,54 @@ impl Cell {
         Ok(())
     }
 
-    fn perform(&mut self, id: Id, act: Act) -> Result<(), String> {
+    fn perform(&mut self, id: Id, act: Action) -> Result<(), String> {
         let parked = self.arm == Some(Path::Park) && self.moving.is_none();
         match act {
-            Act::Stand | Act::SelfTest => {}
-            Act::Assess => never(!self.ungraded, "a grade of no contact")?,
-            Act::OpenEpoch { .. } => self.opening = true,
-            Act::EndEpoch { .. } => {
+            Action::CheckStandstill | Action::SelfTest => {}
+            Action::Assess => never(!self.ungraded, "a grade of no contact")?,
+            Action::OpenEpoch { .. } => self.opening = true,
+            Action::EndEpoch { .. } => {
                 (self.epoch_open, self.opening, self.frames, self.ending) = (false, false, None, true);
             }
-            Act::SetFrames(_) => never(!self.epoch_open, "frames outside an epoch")?,
-            Act::Switch(switch) => self.switch(switch)?,
-            Act::Move(motion) => self.check_move(id, motion)?,
-            Act::Locate | Act::DryPicture | Act::Film => {
+            Action::SetFrames(_) => never(!self.epoch_open, "frames outside an epoch")?,
+            Action::Switch(switch) => self.switch(switch)?,
+            Action::Move(motion) => self.check_move(id, motion)?,
+            Action::Locate | Action::DryPicture | Action::Film => {
                 never(!parked, "a shot with the arm in view")?;
                 never(self.water_on, "a shot while water runs")?;
                 never(!self.lens_clear, "a shot through a guarded lens")?;
-                let dark = act == Act::Locate;
+                let dark = act == Action::Locate;
                 never(dark && self.light_on, "a 3D shot with the light on")?;
                 never(!dark && !self.light_settled, "a picture without steady light")?;
-                never(act != Act::Film && self.wet, "a dry shot of a wet panel")?;
-                never(act == Act::Film && !(self.wet && self.dry_picture), "a film without water or dry picture")?;
+                never(act != Action::Film && self.wet, "a dry shot of a wet panel")?;
+                never(
+                    act == Action::Film && !(self.wet && self.dry_picture),
+                    "a film without water or dry picture",
+                )?;
                 let is_old = self.state.job.dries && self.sanded;
-                never(act == Act::Film && is_old, "a film held against a dry picture from before the abrasion")?;
-                never(act != Act::Locate && self.disturbed, "a picture of a panel whose place is not known")?;
+                never(act == Action::Film && is_old, "a film held against a dry picture from before the abrasion")?;
+                never(act != Action::Locate && self.disturbed, "a picture of a panel whose place is not known")?;
             }
-            Act::Refine { view } | Act::Verify { view } => self.check_corner(view)?,
-            Act::Plan { pass } => {
+            Action::Refine { view } | Action::Verify { view } => self.check_corner(view)?,
+            Action::Plan { pass } => {
                 never(self.film != Some(Film::Broken) && !self.air, "a plan without a break")?;
                 never(self.disturbed, "a plan on a panel whose place is not known")?;
                 never(pass != self.passes || pass > self.state.job.max_passes, "a pass too many")?;
             }
         }
-        let goes_on = !matches!(act, Act::EndEpoch { .. } | Act::Switch(_) | Act::OpenEpoch { .. } | Act::Stand);
-        let parks = matches!(act, Act::Move(Motion { path: Path::Park, .. }));
+        let goes_on = !matches!(
+            act,
+            Action::EndEpoch { .. } | Action::Switch(_) | Action::OpenEpoch { .. } | Action::CheckStandstill
+        );
+        let parks = matches!(act, Action::Move(Motion { path: Path::Park, .. }));
         never(self.doomed && !parks && self.state.job.running && goes_on, "work after a reject")?;
         let waits = self.reviewed || self.contact_reviewed;
         never(waits && self.state.job.running && goes_on, "work on a result that waits for a person")?;
         let works = match act {
-            Act::Plan { .. } | Act::Film | Act::Switch(Switch::Rinse | Switch::Spray | Switch::ToolOn) => true,
-            Act::Move(motion) => matches!(motion.path, Path::Approach | Path::Contact),
+            Action::Plan { .. } | Action::Film | Action::Switch(Switch::Rinse | Switch::Spray | Switch::ToolOn) => {
+                true
+            }
+            Action::Move(motion) => matches!(motion.path, Path::Approach | Path::Contact),
             _ => false,
         };
         never(self.ungraded && works, "work on a panel though nobody knows what the contact did")
@@ -239,7 +247,7 @@ impl Cell {
         let (at, from, due) = (self.state.at, before.at, before.due);
         let is_due = |id| due.is_some_and(|due| due.id == id);
         let aborts = matches!(at, At::Aborting { .. } | At::Aborted { .. });
-        let Event::Told(report) = event else { return Ok(()) };
+        let Event::Reported(report) = event else { return Ok(()) };
         match report {
             Report::Boot => never(!matches!(at, At::Stopped | At::Aborted { .. }), "a new program does not rest"),
             Report::Deadline { id, which: Deadline::Answer } if is_due(id) => {
@@ -255,11 +263,11 @@ impl Cell {
             Report::Progress { id, done } if is_due(id) => {
                 let told = before.intent.map_or(0, |intent| intent.done);
                 let in_order = before.intent.is_some_and(|intent| done <= intent.motion.waypoints) && told <= done;
-                let moves = due.is_some_and(|due| matches!(due.act, Act::Move(_)));
+                let moves = due.is_some_and(|due| matches!(due.act, Action::Move(_)));
                 never(moves && !in_order && !aborts, "acknowledgements out of order are believed")
             }
-            Report::Answered { id, answer: Answer::Stands { done } } if is_due(id) => {
-                let short = matches!(due, Some(Due { act: Act::Move(motion), .. }) if motion.waypoints != done);
+            Report::Answered { id, answer: Answer::Standstill { done } } if is_due(id) => {
+                let short = matches!(due, Some(Due { act: Action::Move(motion), .. }) if motion.waypoints != done);
                 never(short && !aborts, "a part of a path is taken for the whole")
             }
             Report::Answered { id, answer: Answer::Epoch(epoch) } if is_due(id) => {

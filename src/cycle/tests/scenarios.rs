@@ -1,7 +1,7 @@
 //! Scenarios of a cycle without faults: from the first picture of the panel to its verdict.
 
 use super::super::*;
-use super::story::Story;
+use super::script::Story;
 use crate::verdict::Verdict;
 
 #[test]

@@ -27,9 +27,9 @@ fn canonical(mut state: State) -> State {
     if let Some(due) = state.due.as_mut() {
         due.id = Id(1);
         match &mut due.act {
-            Act::OpenEpoch { above: epoch } | Act::EndEpoch { epoch } | Act::Move(Motion { epoch, .. }) => {
-                *epoch = 1
-            }
+            Action::OpenEpoch { above: epoch }
+            | Action::EndEpoch { epoch }
+            | Action::Move(Motion { epoch, .. }) => *epoch = 1,
             _ => {}
         }
     }
@@ -93,14 +93,14 @@ fn events(state: &State) -> Vec<Event> {
     }
     told.extend(armed.into_iter().map(|(which, id)| Report::Deadline { id, which }));
     let asked = REQUESTS.iter().filter(|request| !matches!(request, Request::Start { max_passes: 2, .. }));
-    asked.map(|request| Event::Asked(*request)).chain(told.into_iter().map(Event::Told)).collect()
+    asked.map(|request| Event::Asked(*request)).chain(told.into_iter().map(Event::Reported)).collect()
 }
 
 /// The next report of a healthy cell without a request.
 fn good_news(state: &State) -> Option<Event> {
     let answer = state.due.map(|due| answers(due.act, due.id)[0]);
     let timer = || timers(state).first().map(|&(which, id)| Report::Deadline { id, which });
-    answer.or_else(timer).map(Event::Told)
+    answer.or_else(timer).map(Event::Reported)
 }
 
 #[test]
@@ -134,7 +134,7 @@ fn every_state_comes_to_rest_and_every_rest_to_a_cycle() {
         comes_to_rest.extend(way);
     }
     for state in seen.iter().filter(|state| state.at.rests()) {
-        let mut now = step(*state, Event::Told(Report::Robot(Robot::Ready))).0;
+        let mut now = step(*state, Event::Reported(Report::Robot(Robot::Ready))).0;
         for _ in 0..60 {
             let request = match now.at {
                 At::Execute(_) => break,

@@ -2,7 +2,7 @@
 
 use super::super::*;
 use super::healthy::REQUESTS;
-use super::story::Story;
+use super::script::Story;
 use crate::verdict::Verdict;
 
 #[test]
@@ -36,7 +36,7 @@ fn waypoints_that_were_told_are_not_forgotten_at_the_end_of_the_epoch() {
     let mut story = Story::in_contact();
     story.asked(Request::Abort);
     let motion = story.cell.state.intent.expect("it is not answered").motion;
-    story.answer(Answer::Stands { done: 0 });
+    story.answer(Answer::Standstill { done: 0 });
     let closed = Effect::CloseIntent { motion, outcome: Outcome::Aborted, done: 2 };
     assert_eq!(story.cell.effects, [closed, Effect::Conclude { verdict: Verdict::Aborted }]);
 }
@@ -57,7 +57,7 @@ fn an_emergency_stop_outranks_what_it_brought_about() {
         cause
     };
     for robot in [EmergencyStop, GuardOpen, DrivesOff, LinkLost] {
-        assert_eq!(after(Event::Told(refused), &[robot]), Cause::Robot(robot), "{robot:?}");
+        assert_eq!(after(Event::Reported(refused), &[robot]), Cause::Robot(robot), "{robot:?}");
     }
     let abort = Event::Asked(Request::Abort);
     for (robots, cause) in [
@@ -67,9 +67,9 @@ fn an_emergency_stop_outranks_what_it_brought_about() {
     ] {
         assert_eq!(after(abort, robots), cause, "{robots:?}");
     }
-    let stopped_first = after(Event::Told(Report::Robot(EmergencyStop)), &[DrivesOff]);
+    let stopped_first = after(Event::Reported(Report::Robot(EmergencyStop)), &[DrivesOff]);
     assert_eq!(stopped_first, Cause::Robot(EmergencyStop));
-    let first = after(Event::Told(refused), &[DrivesOff, EmergencyStop, GuardOpen]);
+    let first = after(Event::Reported(refused), &[DrivesOff, EmergencyStop, GuardOpen]);
     assert_eq!(first, Cause::Robot(EmergencyStop));
 }
 
@@ -99,7 +99,7 @@ fn a_hold_in_contact_retracts_and_unhold_verifies_and_plans_the_rest_again() {
     let motion = story.cell.state.intent.expect("the robot has not said that it stands").motion;
     assert!(!story.at().rests());
     story.acts.clear();
-    story.answer(Answer::Stands { done: 2 });
+    story.answer(Answer::Standstill { done: 2 });
     let closed = Effect::CloseIntent { motion, outcome: Outcome::Held, done: 2 };
     assert_eq!(story.cell.effects, [closed]);
     let left = Phase::Assess { left: true };
@@ -107,7 +107,7 @@ fn a_hold_in_contact_retracts_and_unhold_verifies_and_plans_the_rest_again() {
     // A late answer of the ended path is dropped.
     let (id, _) = story.cell.stale[story.cell.stale.len() - 2];
     let before = story.cell.state;
-    story.report(Report::Answered { id, answer: Answer::Stands { done: 3 } });
+    story.report(Report::Answered { id, answer: Answer::Standstill { done: 3 } });
     assert_eq!(story.cell.state, State { dropped: before.dropped + 1, ..before });
 
     story.asked(Request::Unhold { dried: false });
@@ -215,7 +215,7 @@ fn from_aborted_only_clear_leads_out() {
         assert!(matches!(story.cell.effects[..], [Effect::Refuse { .. }]), "{request:?}");
     }
     story.asked(Request::Clear);
-    assert_eq!(story.rests(), "stand");
+    assert_eq!(story.rests(), "checkstandstill");
     assert_eq!(story.at(), At::Stopped);
     // An abort during the spray: the abort frame shuts the water, without waiting for anything.
     let mut story = Story::started(&[]);

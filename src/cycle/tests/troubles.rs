@@ -1,14 +1,14 @@
 //! Scenarios of trouble with the link, the robot, or the program itself, at every station of a cycle.
 
 use super::super::*;
-use super::story::Story;
+use super::script::Story;
 use crate::verdict::Verdict;
 
 /// A fault while the cell is cleared or reset: the link's epoch has ended, and the next attempt succeeds.
 #[test]
 fn clear_and_reset_succeed_after_a_fault_within_them() {
     for trouble in [Trouble::Refused, Trouble::Sequence, Trouble::Late, Trouble::Starved, Trouble::Protocol] {
-        for station in ["stand", "end-epoch"] {
+        for station in ["checkstandstill", "end-epoch"] {
             let mut story = Story::started(&[Film::Broken]);
             story.until("spray");
             story.report(Report::Robot(Robot::LinkLost));
@@ -21,7 +21,7 @@ fn clear_and_reset_succeed_after_a_fault_within_them() {
             story.acts.clear();
             story.asked(Request::Clear);
             // The end of the epoch proves that tool and water are off.
-            assert_eq!(story.rests(), "stand end-epoch", "{trouble:?}");
+            assert_eq!(story.rests(), "checkstandstill end-epoch", "{trouble:?}");
             assert_eq!(story.at(), At::Stopped);
 
             story.asked(Request::Reset);

@@ -7,7 +7,7 @@
 //! `films`).
 
 use super::work::{Work, Worked};
-use crate::cycle::Act;
+use crate::cycle::Action;
 use crate::daemon::abrasion::Abrasion;
 use crate::daemon::films::FilmMemory;
 use crate::daemon::perception::Perception;
@@ -20,7 +20,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 const MAX_RESULTS: usize = 4_000;
 
 /// Names the scene that the cameras would show for this act now; `None` if the result is not to be remembered.
-pub type SceneKey = Box<dyn FnMut(Act) -> Option<u64> + Send>;
+pub type SceneKey = Box<dyn FnMut(Action) -> Option<u64> + Send>;
 
 /// Results of earlier work. All clones share the same memory; it is valid for cycles of one setup.
 #[derive(Debug, Clone)]
@@ -34,19 +34,19 @@ pub struct Memory {
 /// Returns the inputs of a piece of work as text; `None` if its result is not remembered. An act is named together
 /// with the data that its phase reads.
 pub(super) fn inputs(work: &Work, scene_key: &mut SceneKey) -> Option<String> {
-    if !matches!(work.act, Act::Locate | Act::Refine { .. } | Act::Verify { .. } | Act::Plan { .. }) {
+    if !matches!(work.act, Action::Locate | Action::Refine { .. } | Action::Verify { .. } | Action::Plan { .. }) {
         return None;
     }
     let scene = scene_key(work.act)?;
     let (act, pass, tip) = (work.act, work.pass, work.tip);
     Some(match act {
-        Act::Locate => format!("{act:?} {scene}"),
+        Action::Locate => format!("{act:?} {scene}"),
         // The survey that follows a corner's refinement depends on the wear of the disc.
-        Act::Refine { .. } => {
+        Action::Refine { .. } => {
             let worn_mm2 = work.abrasion.worn_mm2;
             format!("{act:?} {pass} {scene} {tip:?} {worn_mm2} {}", work.perception.place_inputs())
         }
-        Act::Verify { .. } => format!("{act:?} {pass} {scene} {tip:?} {}", work.perception.place_inputs()),
+        Action::Verify { .. } => format!("{act:?} {pass} {scene} {tip:?} {}", work.perception.place_inputs()),
         _ => format!("{act:?} {pass} {scene} {} {}", work.perception.inputs(), work.abrasion.inputs()),
     })
 }
@@ -68,7 +68,7 @@ impl Memory {
         let worked = results.get(inputs)?;
         let artifacts = worked.artifacts.clone().map(|(mut perception, abrasion)| {
             // The data that films left is not a result of this work.
-            perception.keep_films_of(&work.perception, work.act == Act::Locate);
+            perception.keep_films_of(&work.perception, work.act == Action::Locate);
             (perception, after(work.act, &work.abrasion, abrasion))
         });
         let (found, notes) = (worked.found.as_ref().ok()?.clone(), worked.notes.clone());
@@ -94,9 +94,9 @@ impl Memory {
 
 /// Returns the abrasion after a remembered act: only planning changes it, except for the surface, which follows
 /// from the taught data.
-fn after(act: Act, before: &Abrasion, then: Abrasion) -> Abrasion {
+fn after(act: Action, before: &Abrasion, then: Abrasion) -> Abrasion {
     match act {
-        Act::Plan { .. } => then,
+        Action::Plan { .. } => then,
         _ => before.clone().on_surface_of(then),
     }
 }

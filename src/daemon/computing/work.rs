@@ -1,6 +1,6 @@
 //! A piece of work, and its result.
 
-use crate::cycle::{Act, Answer, Id, Trouble};
+use crate::cycle::{Action, Answer, Id, Trouble};
 use crate::daemon::abrasion::Abrasion;
 use crate::daemon::error::DaemonError;
 use crate::daemon::perception::Perception;
@@ -15,7 +15,7 @@ use std::sync::Arc;
 pub(in crate::daemon) struct Work {
     /// The act.
     pub id: Id,
-    pub act: Act,
+    pub act: Action,
     /// Whether this is the next step of the film under way; such a step needs no other data.
     pub is_next_picture: bool,
     pub perception: Perception,
@@ -29,7 +29,7 @@ pub(in crate::daemon) struct Work {
 
 impl Work {
     /// Creates the next step of the film that this act watches.
-    pub fn next_picture(id: Id, act: Act, pass: u8, setup: Option<Arc<CycleSetup>>) -> Self {
+    pub fn next_picture(id: Id, act: Action, pass: u8, setup: Option<Arc<CycleSetup>>) -> Self {
         let (perception, abrasion) = Default::default();
         Work { id, act, is_next_picture: true, perception, abrasion, tip: None, pass, setup }
     }

@@ -1,7 +1,7 @@
 //! The worker: it has the cameras and the film under way, and calls the phases.
 
 use super::work::{Found, Readable, Work, Worked};
-use crate::cycle::{Act, Answer, Grade, Trouble};
+use crate::cycle::{Action, Answer, Grade, Trouble};
 use crate::daemon::answers::MISSING;
 use crate::daemon::error::DaemonError;
 use crate::daemon::films::FilmMemory;
@@ -107,7 +107,7 @@ impl<'p> Worker<'p> {
         let setup = work.setup.take();
         let mut notes = Notes { notes: Vec::new(), keep: keep.as_mut(), view: &view, cycle: setup.as_ref() };
         let found = match (work.act, setup.as_deref()) {
-            (Act::SelfTest, _) => Ok(Found::Wrong(self.test())),
+            (Action::SelfTest, _) => Ok(Found::Wrong(self.test())),
             (_, Some(cycle)) => self.phase(&mut work, cycle, &mut notes),
             (_, None) => Ok(Found::Answer(MISSING)),
         };
@@ -119,31 +119,31 @@ impl<'p> Worker<'p> {
         if let (Ok(Found::Answer(answer)), Some(setup)) = (&found, &setup) {
             show_plan(&view, setup, &work, *answer);
         }
-        let is_of_film = work.act == Act::Film;
+        let is_of_film = work.act == Action::Film;
         Worked { id: work.id, found, artifacts: Some((work.perception, work.abrasion)), notes, is_of_film }
     }
 
     fn phase(&mut self, work: &mut Work, cycle: &CycleSetup, notes: &mut Notes<'_>) -> Result<Found, DaemonError> {
         let (pass, cameras) = (work.pass, &mut *self.cameras);
         let answer = match work.act {
-            Act::Film => return self.film(work, cycle, notes),
-            Act::Locate => work.perception.locate(cycle, cameras, notes)?,
-            Act::DryPicture => {
+            Action::Film => return self.film(work, cycle, notes),
+            Action::Locate => work.perception.locate(cycle, cameras, notes)?,
+            Action::DryPicture => {
                 let answer = work.perception.dry_picture(cameras, notes)?;
                 if answer == Answer::Done && cycle.recipe.inspect().reference() == SandedReference::Dry {
                     work.abrasion.is_shown_dry();
                 }
                 answer
             }
-            Act::Plan { pass } => work.abrasion.make(cycle, (pass, &work.perception), notes)?,
-            Act::Refine { view } => match work.tip() {
+            Action::Plan { pass } => work.abrasion.make(cycle, (pass, &work.perception), notes)?,
+            Action::Refine { view } => match work.tip() {
                 Some(tip) => {
                     let answer = work.perception.refine(cycle, (view, tip), cameras, notes)?;
                     work.surveyed(cycle, answer, notes)?
                 }
                 None => MISSING,
             },
-            Act::Verify { view } => match work.tip() {
+            Action::Verify { view } => match work.tip() {
                 Some(tip) => work.perception.verify(cycle, (pass, view, tip), cameras, notes)?,
                 None => MISSING,
             },

@@ -3,7 +3,7 @@
 use crate::archive::reading::CycleRow;
 use crate::daemon::web::csv_file;
 use crate::history::{Cell, Table};
-use crate::words::{utc, utc_day};
+use crate::number_text::{utc, utc_day};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use maud::{DOCTYPE, Markup, html};

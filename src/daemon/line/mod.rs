@@ -3,9 +3,9 @@
 //! every front. Nothing in the loop waits for it. If it does not run, the controller's program reports a fault to
 //! the line once its link is gone.
 
-mod front;
+mod handshake_thread;
 
 #[cfg(test)]
 mod tests;
 
-pub use front::{LineFront, LineParts};
+pub use handshake_thread::{LineFront, LineParts};

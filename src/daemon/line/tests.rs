@@ -1,14 +1,14 @@
 //! The handshake over the robot's link, with a controller that executes its own programs: the line's inputs and
 //! outputs are the controller's.
 
-use super::front::{LineFront, LineParts};
+use super::handshake_thread::{LineFront, LineParts};
 use crate::cell::{Line, LineSignal};
 use crate::cycle;
+use crate::daemon::camera_lease::LastState;
 use crate::daemon::gateway::Gateway;
-use crate::daemon::lending::LastState;
 use crate::daemon::people::People;
 use crate::daemon::reply::{Exit, Reply};
-use crate::daemon::request::{StartRequest, What};
+use crate::daemon::request::{RequestKind, StartRequest};
 use crate::daemon::request_queue::{RequestQueue, request_queue};
 use crate::devices::mock::{self, MockServer, Programs};
 use crate::devices::robot::{Address, BlockingLink};
@@ -138,7 +138,7 @@ fn answer(
 ) {
     while !is_over.load(Ordering::Relaxed) {
         let Some(request) = queue.next(Duration::from_millis(50)) else { continue };
-        if let What::Table(cycle::Request::Reset) = request.what {
+        if let RequestKind::Table(cycle::Request::Reset) = request.what {
             *state.lock().expect("whole") = ("idle", None);
             let _ = resets.send(());
         }

@@ -5,8 +5,8 @@
 //! `sending` is one round, `status` is the report to people; the progress is stored in the store's folder
 //! (`progress_file`).
 
-mod lacking;
 mod parts;
+mod resend;
 mod sending;
 mod state;
 mod status;

@@ -2,7 +2,7 @@
 
 use super::status::OfficeStatus;
 use crate::cell;
-use crate::daemon::front_parts::FrontParts;
+use crate::daemon::interface_context::InterfaceContext;
 use std::path::PathBuf;
 
 /// The parts that the sender needs.
@@ -12,7 +12,7 @@ pub struct OfficeParts {
     /// The store's folder.
     pub folder: PathBuf,
     /// The front that provides the state to report; `None` if no service runs.
-    pub front: Option<FrontParts>,
+    pub front: Option<InterfaceContext>,
     /// The status that is shown to people.
     pub status: OfficeStatus,
 }

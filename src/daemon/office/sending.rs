@@ -1,14 +1,14 @@
 //! One round: new records go to the broker, and the office's answer comes back.
 
-use super::lacking::Lacking;
 use super::parts::OfficeParts;
+use super::resend::Lacking;
 use super::state::Teller;
 use super::status::OfficeStatus;
 use crate::broker::{BrokerError, CellLink, Sending};
 use crate::cell::Office;
 use crate::daemon::background::Rounds;
 use crate::daemon::progress_file;
-use crate::office::{Body, Envelope, Message, OfficeSays, Position, Progress, What, chunks};
+use crate::office::{Body, ChunkOwner, Envelope, Message, OfficeSays, Position, Progress, chunks};
 use crate::store::Store;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -28,7 +28,7 @@ const POLL_INTERVAL: Duration = Duration::from_secs(5);
 /// Interval at which offers of recipes are requested.
 const OFFER_POLL_INTERVAL: Duration = Duration::from_secs(30);
 
-/// What sends.
+/// ChunkOwner sends.
 pub(super) struct Sender {
     office: Office,
     folder: PathBuf,
@@ -218,7 +218,7 @@ impl Sender {
     /// Sends a record after its files; those that are on their way already are not sent again.
     async fn begin(&mut self, mut envelope: Envelope, bytes: &mut usize) -> Result<Vec<Sending>, String> {
         let cell = self.office.cell.clone();
-        let mut whole: Vec<(What, Vec<u8>)> = Vec::new();
+        let mut whole: Vec<(ChunkOwner, Vec<u8>)> = Vec::new();
         if let Body::Signature { files, .. } = &mut envelope.body {
             for file in files.iter_mut().filter(|file| file.gone.is_none()) {
                 if self.files.len() >= MAX_FILES {
@@ -230,7 +230,7 @@ impl Sender {
                 match self.store()?.blob(&file.hash) {
                     Ok(content) => {
                         self.files.insert(file.hash.clone());
-                        whole.push((What::File(file.hash.clone()), content));
+                        whole.push((ChunkOwner::File(file.hash.clone()), content));
                     }
                     // The office does not wait for a file that is reported as never coming.
                     Err(error) => {
@@ -243,7 +243,7 @@ impl Sender {
         let position = envelope.position.clone();
         let message = Message { cell: cell.clone(), envelope };
         let message = message.bytes().map_err(|error| error.to_string())?;
-        whole.push((What::Message(position), message));
+        whole.push((ChunkOwner::Message(position), message));
         let link = self.link.as_ref().ok_or_else(|| "the connection is lost".to_owned())?;
         let mut sending = Vec::new();
         for (what, content) in whole {

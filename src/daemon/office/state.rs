@@ -2,11 +2,11 @@
 
 use crate::cell::CellName;
 use crate::daemon::clock::now_unix_ms;
-use crate::daemon::front_parts::FrontParts;
-use crate::daemon::request::What;
+use crate::daemon::interface_context::InterfaceContext;
+use crate::daemon::request::RequestKind;
 use crate::history::{Alarm, Priority};
 use crate::office::{CellState, Position, ReasonText};
-use crate::record::{Front, Who};
+use crate::record::{RequestSource, Who};
 use crate::verdict::Reason;
 use std::time::{Duration, Instant};
 
@@ -17,14 +17,14 @@ const ALARM_POLL_INTERVAL: Duration = Duration::from_secs(5);
 
 /// Determines the state of the cell when a report is due.
 pub(super) struct Teller {
-    front: FrontParts,
+    front: InterfaceContext,
     told: Option<Instant>,
     standing: Vec<ReasonText>,
     stood: Option<Instant>,
 }
 
 impl Teller {
-    pub fn new(front: FrontParts) -> Self {
+    pub fn new(front: InterfaceContext) -> Self {
         Teller { front, told: None, standing: Vec::new(), stood: None }
     }
 
@@ -38,7 +38,7 @@ impl Teller {
             self.standing = tokio::task::spawn_blocking(move || standing(&front)).await.unwrap_or_default();
             self.stood = Some(Instant::now());
         }
-        let reply = self.front.gateway.request(What::State, Who::by(Front::Program)).await;
+        let reply = self.front.gateway.request(RequestKind::State, Who::by(RequestSource::Program)).await;
         self.told = Some(Instant::now());
         let mut state = CellState::new(cell);
         state.unix_ms = now_unix_ms();
@@ -56,7 +56,7 @@ impl Teller {
 
 /// Returns the lasting alarms that a person must know. Runs on the calling thread, which may wait for a camera or
 /// the disk.
-fn standing(front: &FrontParts) -> Vec<ReasonText> {
+fn standing(front: &InterfaceContext) -> Vec<ReasonText> {
     front.look();
     let lasting = front.people.read(|store| front.alarms.lasting(store)).unwrap_or_else(|error| {
         tracing::warn!("the alarms cannot be reported to the office: {error}");

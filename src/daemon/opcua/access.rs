@@ -1,7 +1,7 @@
 //! Who is logged in to the OPC UA server. Names and passwords are those of the operator's page. A session is valid
 //! only as long as its account is the same as at the log-in.
 
-use super::door::Door;
+use super::connection_limit::Door;
 use crate::accounts::{Account, AuditEntry, Permission, Role};
 use crate::cell::Anonymous;
 use crate::daemon::people::{LogIn, People, stamp};

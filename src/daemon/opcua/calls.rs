@@ -7,11 +7,11 @@ use crate::accounts::AuditEntry;
 use crate::cycle::Request;
 use crate::daemon::alarms::AlarmId;
 use crate::daemon::clock::now_unix_ms;
-use crate::daemon::front_parts::FrontParts;
+use crate::daemon::interface_context::InterfaceContext;
 use crate::daemon::reply::{Exit, Reply};
-use crate::daemon::request::{OwnText, PartNames, StartRequest, What};
+use crate::daemon::request::{OwnText, PartNames, RequestKind, StartRequest};
 use crate::packml::{Command, LastRefusal, Method};
-use crate::record::{CycleId, Front, Who};
+use crate::record::{CycleId, RequestSource, Who};
 use crate::verdict::Reason;
 use opcua::types::{StatusCode, Variant};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -57,7 +57,7 @@ impl Outcome {
 /// The destination of calls.
 pub(super) struct Calls {
     pub access: Arc<Access>,
-    pub front: FrontParts,
+    pub front: InterfaceContext,
     flood: Mutex<Flood>,
     refusal: Mutex<Option<LastRefusal>>,
     /// The last executed stop and the last executed abort, with their replies.
@@ -65,7 +65,7 @@ pub(super) struct Calls {
 }
 
 impl Calls {
-    pub fn new(access: Arc<Access>, front: FrontParts) -> Self {
+    pub fn new(access: Arc<Access>, front: InterfaceContext) -> Self {
         Calls { access, front, flood: Mutex::default(), refusal: Mutex::default(), urgent: Default::default() }
     }
 
@@ -134,14 +134,14 @@ impl Calls {
     }
 
     async fn done(&self, method: &Method, arguments: &[Variant], caller: &Caller, from: &str) -> Outcome {
-        let table = |request| What::Table(request);
-        let decided = |request, step: u32| What::Decided { request, step: u64::from(step) };
+        let table = |request| RequestKind::Table(request);
+        let decided = |request, step: u32| RequestKind::Decided { request, step: u64::from(step) };
         let what = match (method.command, arguments) {
             (Command::Reset, []) => table(Request::Reset),
             (Command::Hold, []) => table(Request::Hold),
             (Command::Clear, [Variant::UInt32(step)]) => decided(Request::Clear, *step),
             (Command::Accept, [Variant::UInt32(step)]) => decided(Request::Accept, *step),
-            (Command::NewDisc, []) => What::NewDisc,
+            (Command::NewDisc, []) => RequestKind::NewDisc,
             (Command::Stop, []) => return Outcome::from_reply(self.urgent(0, Request::Stop, caller).await),
             (Command::Abort, []) => return Outcome::from_reply(self.urgent(1, Request::Abort, caller).await),
             (Command::Unhold, [Variant::Boolean(dried), Variant::UInt32(step)]) => {
@@ -154,7 +154,7 @@ impl Calls {
                     return wrong_arguments(method);
                 };
                 match self.start((recipe, sha256), serial, order, caller).await {
-                    Ok(start) => What::Start(StartRequest { another_part: *another_part, ..start }),
+                    Ok(start) => RequestKind::Start(StartRequest { another_part: *another_part, ..start }),
                     Err(problem) => return refused("bad_input", StatusCode::BadInvalidArgument, problem),
                 }
             }
@@ -174,7 +174,7 @@ impl Calls {
         if let Some((_, reply)) = last.as_ref().filter(|(at, _)| at.elapsed() < MERGE_WINDOW) {
             return reply.clone();
         }
-        let reply = self.front.gateway.request(What::Table(request), who(caller)).await;
+        let reply = self.front.gateway.request(RequestKind::Table(request), who(caller)).await;
         *last = (reply.answer == Exit::Done).then(|| (Instant::now(), reply.clone()));
         reply
     }
@@ -267,7 +267,7 @@ fn alarm_id(name: &str) -> Option<AlarmId> {
 }
 
 fn who(caller: &Caller) -> Who {
-    Who { front: Front::OpcUa, uid: None, user: caller.name().map(str::to_owned) }
+    Who { front: RequestSource::OpcUa, uid: None, user: caller.name().map(str::to_owned) }
 }
 
 #[cfg(test)]

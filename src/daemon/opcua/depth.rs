@@ -3,9 +3,9 @@
 
 use super::access::Access;
 use super::certificates::{self, Rejected, Trusted};
-use super::door::Door;
+use super::connection_limit::Door;
 use crate::accounts::AuditEntry;
-use crate::daemon::front_parts::FrontParts;
+use crate::daemon::interface_context::InterfaceContext;
 use crate::daemon::setup_source::recipe_hashes;
 use crate::history::{Alarm, Priority, grid_states};
 use crate::packml::{CycleCounts, GridState, RecipeHash, Verified};
@@ -49,7 +49,7 @@ pub(super) struct Newest {
 /// Reads it.
 pub(super) struct Reader {
     pub access: Arc<Access>,
-    pub front: FrontParts,
+    pub front: InterfaceContext,
     pub door: Arc<Door>,
     /// The folder of the certificates.
     pub folder: PathBuf,

@@ -9,9 +9,9 @@ use crate::cycle::State;
 use crate::daemon::clock::now_unix_ms;
 use crate::daemon::gateway::Gateway;
 use crate::daemon::reply::Reply;
-use crate::daemon::request::What;
+use crate::daemon::request::RequestKind;
 use crate::packml::{GridState, NODES, Snapshot, UnitMode, UnitState, Value};
-use crate::record::{CycleId, Front, Who};
+use crate::record::{CycleId, RequestSource, Who};
 use opcua::server::node_manager::memory::InMemoryNodeManager;
 use opcua::server::{ServerHandle, SubscriptionCache};
 use opcua::types::NodeId;
@@ -85,7 +85,7 @@ impl Follower {
         let (mut told, mut since) = (vec![None::<(Value, bool)>; NODES.len()], Since::default());
         let (mut now, mut linked) = (Snapshot::default(), Vec::new());
         loop {
-            let reply = self.gateway.request(What::State, Who::by(Front::OpcUa)).await;
+            let reply = self.gateway.request(RequestKind::State, Who::by(RequestSource::OpcUa)).await;
             let depth = self.depth.borrow().clone();
             now = snapshot(now, reply, depth, &mut since);
             now.refusal = self.nodes.inner().calls.last_refusal();

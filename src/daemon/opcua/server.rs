@@ -5,14 +5,14 @@ use super::calls::Calls;
 use super::cell_nodes::CellNodes;
 use super::certificates::{self, Rejected, Trusted};
 use super::conditions::Conditions;
+use super::connection_limit::Door;
 use super::core_nodes::CoreNodes;
 use super::depth::{Depth, Newest, Reader};
-use super::door::Door;
 use super::follow::{Follower, read_on};
 use super::settings;
 use crate::cell::OpcUa;
 use crate::daemon::background::{Background, Plan};
-use crate::daemon::front_parts::FrontParts;
+use crate::daemon::interface_context::InterfaceContext;
 use opcua::server::address_space::AddressSpace;
 use opcua::server::diagnostics::DiagnosticsNodeManagerBuilder;
 use opcua::server::node_manager::ServerContext;
@@ -40,7 +40,7 @@ pub struct OpcUaParts {
     /// The `[opcua]` table of the cell's file.
     pub settings: OpcUa,
     /// The parts that every front uses.
-    pub front: FrontParts,
+    pub front: InterfaceContext,
 }
 
 /// The OPC UA server; it is served until this is dropped.

@@ -2,8 +2,8 @@
 
 use super::port::{Command, Port};
 use crate::cycle::{self, Id, Refusal, State};
+use crate::daemon::operator_texts;
 use crate::daemon::request::Request;
-use crate::daemon::words;
 use crate::record::CycleId;
 use crate::supervision::ThreadFault;
 use crate::tape::Begin;
@@ -18,12 +18,12 @@ pub enum RequestCommand {
     /// in at the recorded point.
     LetsIn(Id),
     /// Reports something that needs no answer.
-    Tell(News),
+    Publish(LoopEvent),
 }
 
 /// The reports of the loop.
 #[derive(Debug)]
-pub enum News {
+pub enum LoopEvent {
     /// The table refused this request; a reset may fail later.
     Refused(cycle::Request, Refusal),
     /// The requested operation cannot begin.
@@ -42,12 +42,12 @@ pub enum News {
     Noted(Vec<Reason>),
 }
 
-impl News {
+impl LoopEvent {
     /// Returns why a request in this state was not done, if this report states it.
     pub fn why_refused(self, state: &State) -> Option<Reason> {
         match self {
-            News::Refused(request, refused) => Some(words::refusal(request, refused, state)),
-            News::NotPermitted(reasons) | News::Unable(reasons) => reasons.into_iter().next(),
+            LoopEvent::Refused(request, refused) => Some(operator_texts::refusal(request, refused, state)),
+            LoopEvent::NotPermitted(reasons) | LoopEvent::Unable(reasons) => reasons.into_iter().next(),
             _ => None,
         }
     }
@@ -61,8 +61,8 @@ pub enum RequestAnswer {
     Next(Result<Option<Request>, ThreadFault>),
     /// To `LetsIn`: the same piece of work, if its result enters now.
     LetsIn(Option<Id>),
-    /// The answer to `Tell`.
-    Told,
+    /// The answer to `Publish`.
+    Done,
 }
 
 impl Command for RequestCommand {
@@ -87,9 +87,9 @@ pub trait RequestPort: Port<RequestCommand> {
         matches!(self.perform(RequestCommand::LetsIn(result)), RequestAnswer::LetsIn(Some(_)))
     }
 
-    /// See [`RequestCommand::Tell`].
-    fn publish(&mut self, news: News) {
-        self.perform(RequestCommand::Tell(news));
+    /// See [`RequestCommand::Publish`].
+    fn publish(&mut self, news: LoopEvent) {
+        self.perform(RequestCommand::Publish(news));
     }
 }
 
@@ -103,7 +103,7 @@ pub trait Requester {
     /// If a thread of the program failed.
     fn next_request(&mut self, state: &State) -> Result<Option<Request>, ThreadFault>;
     /// Receives the loop's reports. A requester that needs no reports leaves this out.
-    fn on_news(&mut self, _news: News) {}
+    fn on_news(&mut self, _news: LoopEvent) {}
 }
 
 impl<R: Requester> Port<RequestCommand> for R {
@@ -111,9 +111,9 @@ impl<R: Requester> Port<RequestCommand> for R {
         match command {
             RequestCommand::Next(state) => RequestAnswer::Next(self.next_request(&state)),
             RequestCommand::LetsIn(result) => RequestAnswer::LetsIn(Some(result)),
-            RequestCommand::Tell(news) => {
+            RequestCommand::Publish(news) => {
                 self.on_news(news);
-                RequestAnswer::Told
+                RequestAnswer::Done
             }
         }
     }

@@ -1,7 +1,7 @@
 //! The robot as the loop sees it: commands in, reports out, and the clock by which its motions run.
 
 use super::port::{Command as PortCommand, Port};
-use crate::daemon::lending::LastState;
+use crate::daemon::camera_lease::LastState;
 use crate::devices::robot::{BlockingLink, LineOutputs, StopLine};
 use crate::devices::world::Follower;
 use crate::eki::{Channel, Command, CommandId, Epoch, LinkLoss, MoveLin, Pace, QueueError, Report, Time};

@@ -1,7 +1,7 @@
 //! The compliant tool as the loop sees it. No command blocks for an answer of the tool.
 
 use super::port::{Command, Port};
-use crate::devices::acf::{ConnectedTool, ToolNews};
+use crate::devices::acf::{ConnectedTool, ToolReport};
 use crate::force::Press;
 use serde::Serialize;
 
@@ -12,16 +12,16 @@ pub enum ToolCommand {
     /// From now on, presses with these set-points.
     Press(Press),
     /// Reports the news.
-    News,
+    Report,
 }
 
 /// An answer of the tool.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ToolAnswer {
     /// To `Press`.
-    Told,
-    /// To `News`: a reading or the loss of its link; `None` if there is no news.
-    News(Option<ToolNews>),
+    Done,
+    /// To `Report`: a reading or the loss of its link; `None` if there is nothing new.
+    Report(Option<ToolReport>),
 }
 
 impl Command for ToolCommand {
@@ -35,9 +35,9 @@ pub trait ToolPort: Port<ToolCommand> {
         self.perform(ToolCommand::Press(press));
     }
 
-    /// See [`ToolCommand::News`].
-    fn news(&mut self) -> Option<ToolNews> {
-        let ToolAnswer::News(news) = self.perform(ToolCommand::News) else { return None };
+    /// See [`ToolCommand::Report`].
+    fn news(&mut self) -> Option<ToolReport> {
+        let ToolAnswer::Report(news) = self.perform(ToolCommand::Report) else { return None };
         news
     }
 }
@@ -60,10 +60,10 @@ impl Port<ToolCommand> for LinkedTool {
         match (command, &mut self.0) {
             (ToolCommand::Press(press), Some(tool)) => {
                 tool.press(press);
-                ToolAnswer::Told
+                ToolAnswer::Done
             }
-            (ToolCommand::Press(_), None) => ToolAnswer::Told,
-            (ToolCommand::News, tool) => ToolAnswer::News(tool.as_mut().and_then(|tool| tool.news())),
+            (ToolCommand::Press(_), None) => ToolAnswer::Done,
+            (ToolCommand::Report, tool) => ToolAnswer::Report(tool.as_mut().and_then(|tool| tool.news())),
         }
     }
 }

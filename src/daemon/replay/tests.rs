@@ -5,7 +5,7 @@ use super::queue::{Bounds, Recorder};
 use super::*;
 use crate::cycle::{Id, State};
 use crate::daemon::ports::{Note, RecordCommand, RecordPort, RequestPort, RobotPort};
-use crate::daemon::request::{Request, What};
+use crate::daemon::request::{Request, RequestKind};
 use crate::eki::{Command, CommandId, QueueError, Report};
 use crate::geometry::{ColorPicture, KukaPose};
 use crate::record::{Check, Finding, Kind, name};
@@ -283,7 +283,7 @@ fn next_report(player: &mut Player) -> Option<Report> {
 /// Returns whether the player makes a request to the table, by which a parted replay ends the loop.
 fn asks(player: &mut Player) -> bool {
     let next = RequestPort::next(player, &State::NEW).expect("no thread is lost");
-    matches!(next, Some(Request { what: What::Table(_), .. }))
+    matches!(next, Some(Request { what: RequestKind::Table(_), .. }))
 }
 
 #[test]

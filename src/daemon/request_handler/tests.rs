@@ -19,25 +19,25 @@ fn parts(pages: Sender<EndedCycle>) -> ServiceParts {
 }
 
 fn at(at: At) -> State {
-    State { at, ..step(State::NEW, Event::Told(Report::Robot(Robot::Ready))).0 }
+    State { at, ..step(State::NEW, Event::Reported(Report::Robot(Robot::Ready))).0 }
 }
 
 /// Returns the next request that comes to the loop.
-fn next(handler: &mut RequestHandler, state: &State) -> Option<What> {
+fn next(handler: &mut RequestHandler, state: &State) -> Option<RequestKind> {
     handler.next_request(state).expect("no thread is lost").map(|request| request.what)
 }
 
 fn asked(handler: &mut RequestHandler, state: &State) -> Option<cycle::Request> {
     match next(handler, state) {
-        Some(What::Table(request)) => Some(request),
+        Some(RequestKind::Table(request)) => Some(request),
         _ => None,
     }
 }
 
 /// Sends a request as a client that waits for the reply.
-fn send(sender: &RequestSender, uid: u32, what: What) -> oneshot::Receiver<Reply> {
+fn send(sender: &RequestSender, uid: u32, what: RequestKind) -> oneshot::Receiver<Reply> {
     let (reply, answer) = oneshot::channel();
-    let who = Who { front: Front::Socket, uid: Some(uid), user: None };
+    let who = Who { front: RequestSource::Socket, uid: Some(uid), user: None };
     sender.send(Request { what, who, reply: Some(reply) }).expect("a place");
     answer
 }
@@ -54,7 +54,7 @@ fn signals_stop_then_abort_and_leave_at_rest() {
         assert_eq!(asked(&mut handler, &busy), wanted);
     }
     assert!(next(&mut handler, &at(At::Idle)).is_none(), "idle is not an end");
-    assert!(matches!(next(&mut handler, &at(At::Stopped)), Some(What::Leave)));
+    assert!(matches!(next(&mut handler, &at(At::Stopped)), Some(RequestKind::Leave)));
 }
 
 /// When the verdict is known, the park move of the cell is still to come.
@@ -63,8 +63,8 @@ fn a_page_is_due_once_the_cell_rests() {
     let (_sender, queue) = request_queue();
     let (tell, pages) = mpsc::channel();
     let mut handler = RequestHandler::new(queue, None, parts(tell));
-    handler.on_news(News::Begun(CycleId(7), Begin::Boot));
-    handler.on_news(News::Concluded(Verdict::Fail));
+    handler.on_news(LoopEvent::Begun(CycleId(7), Begin::Boot));
+    handler.on_news(LoopEvent::Concluded(Verdict::Fail));
     next(&mut handler, &at(At::Completing { verdict: Verdict::Fail }));
     assert!(pages.try_recv().is_err());
     for _ in 0..2 {
@@ -82,21 +82,23 @@ fn a_decision_is_good_for_the_step_that_was_shown() {
     let held = |resume, step| State { step, ..at(At::Held(Hold { why: Why::Review, resume })) };
     let (first, second) = (held(Phase::Plan, 7), held(Phase::Assess { left: false }, 11));
     let shown = |state: &State, handler: &mut RequestHandler| {
-        let mut answer = send(&sender, 8, What::State);
+        let mut answer = send(&sender, 8, RequestKind::State);
         assert!(next(handler, state).is_none());
         answer.try_recv().expect("answered").step.expect("shown")
     };
     let screens = [shown(&first, &mut handler), shown(&first, &mut handler)];
     assert_eq!(screens, [7, 7]);
 
-    let accept = |step| What::Decided { request: cycle::Request::Accept, step };
+    let accept = |step| RequestKind::Decided { request: cycle::Request::Accept, step };
     let mut taken = send(&sender, 7, accept(screens[0]));
     assert_eq!(asked(&mut handler, &first), Some(cycle::Request::Accept));
     next(&mut handler, &State { step: 8, ..at(At::Unholding { resume: Phase::Plan, verify: false }) });
     assert_eq!(taken.try_recv().expect("answered").answer, Exit::Done);
 
     let mut stale = send(&sender, 8, accept(screens[1]));
-    let Some(What::Outdated { request, reasons }) = next(&mut handler, &second) else { panic!("it went through") };
+    let Some(RequestKind::Outdated { request, reasons }) = next(&mut handler, &second) else {
+        panic!("it went through")
+    };
     let reply = stale.try_recv().expect("answered");
     assert_eq!((request, &reply.reasons, reply.answer), (cycle::Request::Accept, &reasons, Exit::Refused));
     assert_eq!((&*reasons[0].code, reply.step), ("outdated", Some(11)));
@@ -106,8 +108,8 @@ fn a_decision_is_good_for_the_step_that_was_shown() {
     );
     // The same answer is given for a step from before the start of this service.
     for request in [cycle::Request::Clear, cycle::Request::Unhold { dried: true }] {
-        let mut stale = send(&sender, 8, What::Decided { request, step: 2 });
-        assert!(matches!(next(&mut handler, &second), Some(What::Outdated { .. })));
+        let mut stale = send(&sender, 8, RequestKind::Decided { request, step: 2 });
+        assert!(matches!(next(&mut handler, &second), Some(RequestKind::Outdated { .. })));
         let reply = stale.try_recv().expect("answered");
         assert!(reply.reasons[0].message.contains("did not see"), "{reply:?}");
     }
@@ -119,22 +121,22 @@ fn a_decision_is_good_for_the_step_that_was_shown() {
 fn each_request_has_one_reply() {
     let (sender, mut handler) = handler();
     let (idle, busy) = (at(At::Idle), at(At::Execute(Phase::Wet)));
-    let mut state = send(&sender, 7, What::State);
+    let mut state = send(&sender, 7, RequestKind::State);
     assert!(next(&mut handler, &busy).is_none());
     let reply = state.try_recv().expect("answered");
     assert_eq!((reply.answer, reply.phase.as_deref()), (Exit::Done, Some("wet")));
 
-    let mut taken = send(&sender, 7, What::Table(cycle::Request::Hold));
+    let mut taken = send(&sender, 7, RequestKind::Table(cycle::Request::Hold));
     assert_eq!(asked(&mut handler, &busy), Some(cycle::Request::Hold));
     assert!(taken.try_recv().is_err(), "not before the table has taken it");
     next(&mut handler, &busy);
     assert_eq!(taken.try_recv().expect("answered").answer, Exit::Done);
 
-    handler.on_news(News::Noted(vec![Reason::new("film", "it broke")]));
+    handler.on_news(LoopEvent::Noted(vec![Reason::new("film", "it broke")]));
     for request in [cycle::Request::Reset, cycle::Request::Hold] {
-        let mut refused = send(&sender, 7, What::Table(request));
+        let mut refused = send(&sender, 7, RequestKind::Table(request));
         assert_eq!(asked(&mut handler, &idle), Some(request));
-        handler.on_news(News::Refused(request, Refusal::NotNow));
+        handler.on_news(LoopEvent::Refused(request, Refusal::NotNow));
         let reply = refused.try_recv().expect("answered");
         assert_eq!((reply.answer, &*reply.reasons[0].code), (Exit::Refused, "not_now"));
         assert_eq!(handler.noted.len(), 1, "a refusal changes nothing");
@@ -149,12 +151,12 @@ fn each_request_has_one_reply() {
 fn a_reset_that_fails_at_once_tells_what_was_found() {
     let (sender, mut handler) = handler();
     let stopped = at(At::Stopped);
-    let failed = || News::Refused(cycle::Request::Reset, Refusal::Failed(Trouble::Camera));
-    let found = || News::Noted(vec![Reason::new("scanner", "the worker stays down")]);
+    let failed = || LoopEvent::Refused(cycle::Request::Reset, Refusal::Failed(Trouble::Camera));
+    let found = || LoopEvent::Noted(vec![Reason::new("scanner", "the worker stays down")]);
     let codes = |reasons: &[Reason]| reasons.iter().map(|reason| reason.code.clone()).collect::<Vec<_>>();
-    handler.on_news(News::Noted(vec![Reason::new("film", "it broke")]));
+    handler.on_news(LoopEvent::Noted(vec![Reason::new("film", "it broke")]));
 
-    let mut reset = send(&sender, 7, What::Table(cycle::Request::Reset));
+    let mut reset = send(&sender, 7, RequestKind::Table(cycle::Request::Reset));
     assert_eq!(asked(&mut handler, &stopped), Some(cycle::Request::Reset));
     handler.on_news(found());
     handler.on_news(failed());
@@ -162,10 +164,10 @@ fn a_reset_that_fails_at_once_tells_what_was_found() {
     assert_eq!((reply.answer, codes(&reply.reasons)), (Exit::Fault, vec!["camera".into(), "scanner".into()]));
     assert_eq!(codes(&handler.noted), ["camera", "scanner"]);
 
-    let mut reset = send(&sender, 7, What::Table(cycle::Request::Reset));
+    let mut reset = send(&sender, 7, RequestKind::Table(cycle::Request::Reset));
     assert_eq!(asked(&mut handler, &stopped), Some(cycle::Request::Reset));
-    let mut disc = send(&sender, 7, What::NewDisc);
-    assert!(matches!(next(&mut handler, &stopped), Some(What::NewDisc)));
+    let mut disc = send(&sender, 7, RequestKind::NewDisc);
+    assert!(matches!(next(&mut handler, &stopped), Some(RequestKind::NewDisc)));
     assert_eq!(reset.try_recv().expect("answered").answer, Exit::Done, "it was taken");
     handler.on_news(found());
     handler.on_news(failed());
@@ -178,8 +180,8 @@ fn a_reset_that_fails_at_once_tells_what_was_found() {
 fn a_stop_is_taken_in_the_round_in_which_it_comes() {
     let (sender, mut handler) = handler();
     let busy = at(At::Execute(Phase::Wet));
-    let mut answers: Vec<_> = (0..3).cycle().take(24).map(|uid| send(&sender, uid, What::State)).collect();
-    let _stop = send(&sender, 1, What::Table(cycle::Request::Stop));
+    let mut answers: Vec<_> = (0..3).cycle().take(24).map(|uid| send(&sender, uid, RequestKind::State)).collect();
+    let _stop = send(&sender, 1, RequestKind::Table(cycle::Request::Stop));
     assert_eq!(asked(&mut handler, &busy), Some(cycle::Request::Stop));
     assert!(next(&mut handler, &busy).is_none());
     assert!(answers.iter_mut().all(|answer| answer.try_recv().is_ok()), "and the others in the next one");
@@ -205,7 +207,7 @@ fn a_lost_thread_is_told_to_the_loop() {
 fn the_state_tells_how_far_the_work_is() {
     let (_sender, mut handler) = handler();
     (handler.panel, handler.cycle) = (Some("wing".to_owned()), Some(CycleId(3)));
-    handler.on_news(News::Filmed(12.5));
+    handler.on_news(LoopEvent::Filmed(12.5));
     let told = |handler: &RequestHandler, state: State| handler.reply(Exit::Done, vec![], &state);
     let films = told(&handler, at(At::Execute(Phase::Inspect)));
     assert_eq!((films.film_s, films.waypoint, films.panel.as_deref()), (Some(12.5), None, Some("wing")));

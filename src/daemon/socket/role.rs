@@ -5,7 +5,7 @@
 
 use crate::accounts::{Permission, Role};
 use crate::cycle::Request;
-use crate::daemon::request::{OwnText, What};
+use crate::daemon::request::{OwnText, RequestKind};
 use crate::record::Who;
 use crate::verdict::Reason;
 
@@ -34,7 +34,7 @@ impl Rule {
     }
 
     /// Returns why this user may not request it; `None` if it is allowed.
-    pub fn refusal(self, who: &Who, what: &What) -> Option<Reason> {
+    pub fn refusal(self, who: &Who, what: &RequestKind) -> Option<Reason> {
         let role = self.role_of(who)?;
         let needed = needed(what)?;
         if role.may(needed) {
@@ -53,21 +53,21 @@ impl Rule {
 }
 
 /// Returns the permission that a role needs for this request; `None` if every user may make it.
-fn needed(what: &What) -> Option<Permission> {
+fn needed(what: &RequestKind) -> Option<Permission> {
     match what {
-        What::Table(Request::Stop | Request::Abort) => None,
-        What::State => Some(Permission::View),
-        What::Table(Request::Accept)
-        | What::Decided { request: Request::Accept, .. }
-        | What::Outdated { request: Request::Accept, .. } => Some(Permission::Accept),
-        What::Decided { .. } | What::Outdated { .. } => Some(Permission::Operate),
-        What::Start(_)
-        | What::Begin(_)
-        | What::Unprepared { .. }
-        | What::NewDisc
-        | What::Shoot(_)
-        | What::Leave
-        | What::Table(
+        RequestKind::Table(Request::Stop | Request::Abort) => None,
+        RequestKind::State => Some(Permission::View),
+        RequestKind::Table(Request::Accept)
+        | RequestKind::Decided { request: Request::Accept, .. }
+        | RequestKind::Outdated { request: Request::Accept, .. } => Some(Permission::Accept),
+        RequestKind::Decided { .. } | RequestKind::Outdated { .. } => Some(Permission::Operate),
+        RequestKind::Start(_)
+        | RequestKind::Begin(_)
+        | RequestKind::Unprepared { .. }
+        | RequestKind::NewDisc
+        | RequestKind::Shoot(_)
+        | RequestKind::Leave
+        | RequestKind::Table(
             Request::Start { .. }
             | Request::AirRun { .. }
             | Request::Hold
@@ -81,17 +81,17 @@ fn needed(what: &What) -> Option<Permission> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::Front;
+    use crate::record::RequestSource;
     use strum::VariantArray;
 
     const SERVICE: u32 = 990;
 
-    fn refusal(role: Option<Role>, who: &Who, what: &What) -> Option<Reason> {
+    fn refusal(role: Option<Role>, who: &Who, what: &RequestKind) -> Option<Reason> {
         Rule { role, service_uid: SERVICE }.refusal(who, what)
     }
 
     fn who(uid: u32) -> Who {
-        Who { front: Front::Socket, uid: Some(uid), user: None }
+        Who { front: RequestSource::Socket, uid: Some(uid), user: None }
     }
 
     /// Every role with every request of the protocol: a viewer reads, stops and aborts, an inspector also accepts,
@@ -99,8 +99,8 @@ mod tests {
     #[test]
     fn the_group_may_what_its_role_may() {
         let table = |request: Request| match request.is_decision() {
-            true => What::Decided { request, step: 3 },
-            false => What::Table(request),
+            true => RequestKind::Decided { request, step: 3 },
+            false => RequestKind::Table(request),
         };
         let all = || {
             let unhold = Request::Unhold { dried: true };
@@ -113,7 +113,7 @@ mod tests {
                 Request::Clear,
                 Request::Reset,
             ];
-            rows.into_iter().map(table).chain([What::State, What::NewDisc])
+            rows.into_iter().map(table).chain([RequestKind::State, RequestKind::NewDisc])
         };
         for (role, allowed) in [
             (Role::Viewer, vec!["stop", "abort", "state"]),
@@ -129,9 +129,12 @@ mod tests {
         for uid in [0, SERVICE] {
             assert!(all().all(|what| refusal(Some(Role::Viewer), &who(uid), &what).is_none()), "{uid}");
         }
-        let nobody = Who { front: Front::Socket, uid: None, user: None };
-        assert!(refusal(Some(Role::Viewer), &nobody, &What::NewDisc).is_some(), "an unknown user is not root");
-        let told = refusal(Some(Role::Viewer), &who(1_001), &What::Table(Request::Hold)).expect("refused");
+        let nobody = Who { front: RequestSource::Socket, uid: None, user: None };
+        assert!(
+            refusal(Some(Role::Viewer), &nobody, &RequestKind::NewDisc).is_some(),
+            "an unknown user is not root"
+        );
+        let told = refusal(Some(Role::Viewer), &who(1_001), &RequestKind::Table(Request::Hold)).expect("refused");
         assert!(
             told.code == "not_permitted" && told.message.contains("allowed for: operator, engineer"),
             "{told:?}"

@@ -1,12 +1,12 @@
 //! The thread that keeps the cell connected to its broker.
 
-use super::asking::Asking;
 use super::broker::Broker;
 use super::following::follow;
+use super::host_requests::Asking;
 use super::session::{Ended, NAME, Parts, connected};
 use crate::cell::{NodeCommands, SparkplugNode};
 use crate::daemon::background::{Background, Plan};
-use crate::daemon::front_parts::FrontParts;
+use crate::daemon::interface_context::InterfaceContext;
 use crate::sparkplug::{EdgeNode, Ids, NodeSetup};
 use std::time::{Duration, Instant};
 use tokio::sync::{oneshot, watch};
@@ -25,7 +25,7 @@ pub struct SparkplugParts {
     /// The `[sparkplug]` table of the cell's file.
     pub node: SparkplugNode,
     /// The parts that every front uses.
-    pub front: FrontParts,
+    pub front: InterfaceContext,
 }
 
 /// The edge node while it is served. Dropping it reports its death to the broker, and ends it.
@@ -47,7 +47,7 @@ impl SparkplugEdge {
     }
 }
 
-async fn run((node, front): (&SparkplugNode, &FrontParts), leave: &mut oneshot::Receiver<()>) {
+async fn run((node, front): (&SparkplugNode, &InterfaceContext), leave: &mut oneshot::Receiver<()>) {
     let address = format!("{}:{}", node.broker, node.port);
     let from = format!("MQTT broker {address}");
     let asking = Asking { gateway: front.gateway.clone(), people: front.people.clone(), from };

@@ -3,11 +3,11 @@
 
 use crate::daemon::alarms::Alarms;
 use crate::daemon::clock::now_unix_ms;
-use crate::daemon::front_parts::FrontParts;
+use crate::daemon::interface_context::InterfaceContext;
 use crate::daemon::reply::Reply;
-use crate::daemon::request::What;
+use crate::daemon::request::RequestKind;
 use crate::history::{Query, summary};
-use crate::record::{Front, Who};
+use crate::record::{RequestSource, Who};
 use crate::sparkplug::{CellView, LoopView, StoreView};
 use crate::store::{Store, StoreError, free_mb};
 use crate::verdict::Verdict;
@@ -22,10 +22,10 @@ const POLL_INTERVAL: Duration = Duration::from_millis(500);
 const MAX_STORE_POLL_INTERVAL: Duration = Duration::from_secs(10);
 
 /// Reads the cell repeatedly, until no receiver is left.
-pub(super) async fn follow(parts: FrontParts, tell: watch::Sender<Option<CellView>>) {
+pub(super) async fn follow(parts: InterfaceContext, tell: watch::Sender<Option<CellView>>) {
     let (mut kept, mut read) = (StoreView::default(), None::<(Instant, LoopView)>);
     while !tell.is_closed() {
-        let reply = parts.gateway.request(What::State, Who::by(Front::Sparkplug)).await;
+        let reply = parts.gateway.request(RequestKind::State, Who::by(RequestSource::Sparkplug)).await;
         let now = loop_view(reply);
         let is_due =
             read.as_ref().is_none_or(|(at, was)| at.elapsed() >= MAX_STORE_POLL_INTERVAL || is_another(was, &now));
@@ -65,7 +65,7 @@ fn loop_view(reply: Reply) -> LoopView {
 
 /// Returns the data of the store and the disk; runs on the calling thread, which may wait for the disk. If the
 /// store cannot be read, none of its data is reported.
-fn kept_view(parts: &FrontParts) -> StoreView {
+fn kept_view(parts: &InterfaceContext) -> StoreView {
     parts.look();
     match parts.people.read(|store| read(store, &parts.alarms)) {
         Ok(view) => view,

@@ -10,10 +10,10 @@
 //! It runs on a thread and a runtime of its own. Whatever the broker does, the loop, the robot's link and the
 //! cameras never wait for it. Commands go through the gateway, as those of every front do.
 
-mod asking;
 mod broker;
 mod edge;
 mod following;
+mod host_requests;
 mod session;
 
 #[cfg(test)]

@@ -1,10 +1,10 @@
 //! One connection to the broker, from beginning to end.
 
-use super::asking::Asking;
 use super::broker::{Broker, quality};
+use super::host_requests::Asking;
 use crate::daemon::alarms::Alarms;
 use crate::daemon::clock::now_unix_ms;
-use crate::sparkplug::{Act, CellView, EdgeNode, Event, Now, values};
+use crate::sparkplug::{CellView, EdgeNode, Event, NodeAction, Now, values};
 use rumqttc::{AsyncClient, ConnectReturnCode, ConnectionError, EventLoop, Outgoing, Packet, SubscribeReasonCode};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -172,20 +172,20 @@ impl Session<'_> {
         }
     }
 
-    async fn perform(&mut self, acts: Vec<Act>) -> Option<Ended> {
+    async fn perform(&mut self, acts: Vec<NodeAction>) -> Option<Ended> {
         for act in acts {
             let asking = self.parts.asking.clone();
             match act {
-                Act::Publish(message) => {
+                NodeAction::Publish(message) => {
                     let sent = self.client.try_publish(message.topic, quality(message.qos), false, message.payload);
                     if sent.is_err() {
                         return Some(Ended::Lost("the broker accepts no messages".to_owned()));
                     }
                 }
                 // The connection never waits for the loop or the disk; limits keep these tasks few.
-                Act::Ask { command, is_noted } => drop(tokio::spawn(asking.ask(command, is_noted))),
-                Act::Note(note) => drop(tokio::spawn(asking.note(note))),
-                Act::Disconnect => {
+                NodeAction::Ask { command, is_noted } => drop(tokio::spawn(asking.ask(command, is_noted))),
+                NodeAction::Note(note) => drop(tokio::spawn(asking.note(note))),
+                NodeAction::Disconnect => {
                     self.disconnect().await;
                     return Some(Ended::HostOffline);
                 }

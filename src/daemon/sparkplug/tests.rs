@@ -1,7 +1,7 @@
 //! Brokers that behave wrongly: the connection ends with a reason, and the cell receives no request.
 
-use super::asking::Asking;
 use super::broker::Broker;
+use super::host_requests::Asking;
 use super::session::{BROKEN, Ended, Parts, connected};
 use crate::cell::{NodeCommands, SparkplugNode};
 use crate::daemon::alarms::Alarms;

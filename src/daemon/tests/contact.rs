@@ -5,7 +5,7 @@ use super::fake::{Asks, Cell as Fake};
 use super::serving::Script;
 use super::*;
 use crate::cycle::{Refusal, Robot as Condition, State};
-use crate::record::{Answer, CycleId, EarlierPass, RequestRecord, Wanted};
+use crate::record::{Answer, CycleId, EarlierPass, RequestRecord, RequestedAction};
 use crate::verdict::Reason;
 
 fn contact(state: &State) -> bool {
@@ -39,7 +39,8 @@ fn no_waypoint_in_contact_comes_before_its_permission() {
 fn a_link_that_is_lost_in_contact_leaves_an_unknown_end() {
     let cell = Fake::new(Scene::Good).slow().whose_link_is_lost_in_contact();
     let aborted = |state: &State| matches!(state.at, At::Aborted { .. }) && state.facts.robot == Condition::Ready;
-    let mut script = Script::default().reset().start(&cell).when(aborted, What::Table(cycle::Request::Clear));
+    let mut script =
+        Script::default().reset().start(&cell).when(aborted, RequestKind::Table(cycle::Request::Clear));
     script = script.leave_when(|state| state.at == At::Stopped && state.facts.standing);
     let record = cell.serve(|cameras| cameras, vec![], &mut script);
     assert_eq!(script.verdicts, [Verdict::Aborted]);
@@ -147,12 +148,12 @@ fn each_request_is_kept_with_its_answer() {
     let works = |state: &State| matches!(state.at, At::Execute(_));
     let story = Fake::new(Scene::Clean).run(Asks::one_cycle().with(works, cycle::Request::Accept));
     assert_eq!(story.refusals, [(cycle::Request::Accept, Refusal::NotNow)]);
-    let kept: Vec<(Wanted, Option<Answer>, usize)> = story
+    let kept: Vec<(RequestedAction, Option<Answer>, usize)> = story
         .asked
         .iter()
         .map(|RequestRecord { wanted, answer, reasons, .. }| (wanted.clone(), *answer, reasons.len()))
         .collect();
-    let wanted = |request, answer, reasons| (Wanted::For(request), Some(answer), reasons);
+    let wanted = |request, answer, reasons| (RequestedAction::For(request), Some(answer), reasons);
     let start = cycle::Request::Start { max_passes: 2, max_moves: 3, dries: false };
     assert_eq!(
         kept,

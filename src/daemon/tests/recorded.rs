@@ -60,11 +60,11 @@ fn what_is_asked_meanwhile_is_replayed_too() {
         script
             .reset()
             .start(taped)
-            .when(held, What::NewDisc)
-            .when(held, What::Table(cycle::Request::Accept))
-            .when(films, What::Begin(Box::new(plain.prepared())))
-            .when(films, What::Table(cycle::Request::Hold))
-            .when(move |state| held(state) && dries(), What::Table(cycle::Request::Unhold { dried: true }))
+            .when(held, RequestKind::NewDisc)
+            .when(held, RequestKind::Table(cycle::Request::Accept))
+            .when(films, RequestKind::Begin(Box::new(plain.prepared())))
+            .when(films, RequestKind::Table(cycle::Request::Hold))
+            .when(move |state| held(state) && dries(), RequestKind::Table(cycle::Request::Unhold { dried: true }))
             .leave_when(complete)
     });
     let findings = || entries.iter().filter(|e| e.topic == Topic::Finding).map(|e| e.said["judgement"].to_string());
@@ -91,7 +91,7 @@ fn by_the_wall_clock_results_come_when_they_came() {
         script
             .reset()
             .start(taped)
-            .when(films, What::Table(cycle::Request::Stop))
+            .when(films, RequestKind::Table(cycle::Request::Stop))
             .leave_when(|state| matches!(state.at, At::Stopped | At::Aborted { .. }) || complete(state))
     });
     assert_eq!(verdict, Some(Verdict::Aborted));

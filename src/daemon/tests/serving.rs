@@ -2,11 +2,11 @@
 
 use super::fake::{Cell as Fake, FakeCameras};
 use super::*;
-use crate::cycle::{self, Act, Answer, Event, Hold, Id, Refusal, Report, State, Trouble, Why};
+use crate::cycle::{self, Action, Answer, Event, Hold, Id, Refusal, Report, State, Trouble, Why};
 use crate::daemon::abrasion::Abrasion;
 use crate::daemon::computing::{Found, Work, Worked};
 use crate::daemon::perception::Perception;
-use crate::record::{CycleId, Front, Kind, Who};
+use crate::record::{CycleId, Kind, RequestSource, Who};
 use crate::supervision::ThreadFault;
 use crate::verdict::Reason;
 use std::collections::VecDeque;
@@ -20,7 +20,7 @@ type When = Box<dyn FnMut(&State) -> bool>;
 /// Makes each request when its time has come, then leaves.
 #[derive(Default)]
 pub struct Script {
-    steps: VecDeque<(When, What)>,
+    steps: VecDeque<(When, RequestKind)>,
     refusals: Vec<(cycle::Request, Refusal)>,
     pub verdicts: Vec<Verdict>,
     cycles: Vec<CycleId>,
@@ -30,7 +30,7 @@ pub struct Script {
 }
 
 impl Script {
-    pub fn when(mut self, when: impl FnMut(&State) -> bool + 'static, what: What) -> Self {
+    pub fn when(mut self, when: impl FnMut(&State) -> bool + 'static, what: RequestKind) -> Self {
         self.steps.push_back((Box::new(when), what));
         self
     }
@@ -40,35 +40,35 @@ impl Script {
             state.at == At::Stopped && state.facts.robot == crate::cycle::Robot::Ready
                 || matches!(state.at, At::Complete { .. })
         };
-        self.when(ready, What::Table(cycle::Request::Reset))
+        self.when(ready, RequestKind::Table(cycle::Request::Reset))
     }
 
     pub fn start(self, cell: &Fake) -> Self {
-        self.when(|state| state.at == At::Idle, What::Begin(Box::new(cell.prepared())))
+        self.when(|state| state.at == At::Idle, RequestKind::Begin(Box::new(cell.prepared())))
     }
 
     pub fn leave_when(self, when: impl FnMut(&State) -> bool + 'static) -> Self {
-        self.when(when, What::Leave)
+        self.when(when, RequestKind::Leave)
     }
 }
 
 impl Requester for Script {
     fn next_request(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
         let next = self.steps.pop_front_if(|(when, _)| when(state));
-        Ok(next.map(|(_, what)| Request::new(what, Who::by(Front::Socket))))
+        Ok(next.map(|(_, what)| Request::new(what, Who::by(RequestSource::Socket))))
     }
 
-    fn on_news(&mut self, news: News) {
+    fn on_news(&mut self, news: LoopEvent) {
         match news {
-            News::Refused(request, refusal) => self.refusals.push((request, refusal)),
-            News::Unable(reasons) => self.unable.extend(reasons.iter().map(|reason| reason.code.to_string())),
-            News::NotPermitted(reasons) => {
+            LoopEvent::Refused(request, refusal) => self.refusals.push((request, refusal)),
+            LoopEvent::Unable(reasons) => self.unable.extend(reasons.iter().map(|reason| reason.code.to_string())),
+            LoopEvent::NotPermitted(reasons) => {
                 self.not_permitted.extend(reasons.iter().map(|reason| reason.code.to_string()));
             }
-            News::Begun(cycle, _) => self.cycles.push(cycle),
-            News::Concluded(verdict) => self.verdicts.push(verdict),
-            News::Noted(reasons) => self.noted.extend(reasons),
-            News::Filmed(_) | News::DiscMounted => {}
+            LoopEvent::Begun(cycle, _) => self.cycles.push(cycle),
+            LoopEvent::Concluded(verdict) => self.verdicts.push(verdict),
+            LoopEvent::Noted(reasons) => self.noted.extend(reasons),
+            LoopEvent::Filmed(_) | LoopEvent::DiscMounted => {}
         }
     }
 }
@@ -96,9 +96,9 @@ fn a_new_disc_goes_on_after_a_review() {
     let mut script = Script::default()
         .reset()
         .start(&cell)
-        .when(|state| matches!(state.at, At::Execute(_)), What::NewDisc)
-        .when(held, What::NewDisc)
-        .when(held, What::Table(cycle::Request::Accept))
+        .when(|state| matches!(state.at, At::Execute(_)), RequestKind::NewDisc)
+        .when(held, RequestKind::NewDisc)
+        .when(held, RequestKind::Table(cycle::Request::Accept))
         .leave_when(complete);
     let record = cell.serve(|cameras| cameras, vec![], &mut script);
     assert_eq!(script.verdicts, [Verdict::Pass]);
@@ -135,7 +135,7 @@ fn a_command_after_a_stop_on_the_wire_is_no_fault() {
                 has_begun |= matches!(state.at, At::Execute(cycle::Phase::Locate));
                 has_begun && is_stopped() || matches!(state.at, At::Aborted { .. })
             },
-            What::Table(cycle::Request::Stop),
+            RequestKind::Table(cycle::Request::Stop),
         )
         .leave_when(|state| state.at.rests());
     cell.serve(|cameras| cameras, vec![], &mut script);
@@ -159,7 +159,7 @@ fn a_command_without_an_epoch_is_a_fault() {
                 }
                 matches!(state.at, At::Held(_)) || state.at.rests() && state.at != At::Idle
             },
-            What::Table(cycle::Request::Stop),
+            RequestKind::Table(cycle::Request::Stop),
         )
         .leave_when(|state| state.at.rests());
     cell.serve(|cameras| cameras, vec![], &mut script);
@@ -177,9 +177,9 @@ fn a_start_is_taken_from_the_selected_side() {
     let idle = |state: &State| state.at == At::Idle;
     let mut script = Script::default()
         .reset()
-        .when(move |state| idle(state) && remote(), What::NewDisc)
+        .when(move |state| idle(state) && remote(), RequestKind::NewDisc)
         .start(&cell)
-        .when(move |state| idle(state) && local(), What::NewDisc)
+        .when(move |state| idle(state) && local(), RequestKind::NewDisc)
         .start(&cell)
         .leave_when(complete);
     cell.serve(|cameras| cameras, vec![], &mut script);
@@ -252,8 +252,8 @@ fn a_film_goes_on_without_the_robot() {
     let (mut computing, setup) = (fake.computing(), Arc::new(fake.setup()));
     let mut perception = Perception::default();
     let mut seen_s = Vec::new();
-    for (id, act) in [(1, Act::Locate), (2, Act::DryPicture), (3, Act::Film)] {
-        fake.light(act != Act::Locate);
+    for (id, act) in [(1, Action::Locate), (2, Action::DryPicture), (3, Action::Film)] {
+        fake.light(act != Action::Locate);
         fake.time_passes(500);
         let (abrasion, setup) = (Abrasion::default(), Some(setup.clone()));
         let work =
@@ -311,7 +311,7 @@ fn dropped_pictures_are_a_gap_in_time() {
 fn a_stop_does_not_wait_for_a_computation() {
     let cell = Fake::new(Scene::Clean);
     let (let_go, go_on) = mpsc::channel();
-    let locates = |state: &State| matches!(state.due, Some(due) if due.act == Act::Locate);
+    let locates = |state: &State| matches!(state.due, Some(due) if due.act == Action::Locate);
     let stopped = move |state: &State| {
         let rests = state.at == At::Stopped;
         if rests {
@@ -322,8 +322,8 @@ fn a_stop_does_not_wait_for_a_computation() {
     let mut script = Script::default()
         .reset()
         .start(&cell)
-        .when(locates, What::Table(cycle::Request::Stop))
-        .when(stopped, What::Table(cycle::Request::Reset))
+        .when(locates, RequestKind::Table(cycle::Request::Stop))
+        .when(stopped, RequestKind::Table(cycle::Request::Reset))
         .start(&cell)
         .leave_when(complete);
     let record = cell.serve(|cameras| Odd { go_on: Some(go_on), ..Odd::new(cameras) }, vec![], &mut script);
@@ -332,7 +332,8 @@ fn a_stop_does_not_wait_for_a_computation() {
     assert_eq!(told, 1, "a stop on request is told as one: {:?}", script.noted);
     let located = record.findings.iter().filter(|finding| finding.kind == Kind::Locate).count();
     assert_eq!(located, 1, "the scan of the cycle that was stopped leaves nothing");
-    let graded = |event: &&Event| matches!(event, Event::Told(Report::Answered { answer: Answer::Graded(_), .. }));
+    let graded =
+        |event: &&Event| matches!(event, Event::Reported(Report::Answered { answer: Answer::Graded(_), .. }));
     let stop = record.events.iter().position(|event| *event == Event::Asked(cycle::Request::Stop)).expect("asked");
     assert_eq!(record.events[..stop].iter().filter(graded).count(), 0, "it was under way");
 }
@@ -341,7 +342,7 @@ fn a_stop_does_not_wait_for_a_computation() {
 #[test]
 fn an_order_out_of_turn_begins_nothing() {
     let cell = Fake::new(Scene::Clean);
-    let early = What::Begin(Box::new(cell.prepared()));
+    let early = RequestKind::Begin(Box::new(cell.prepared()));
     let heard = |state: &State| state.facts.robot == crate::cycle::Robot::Ready;
     let mut script = Script::default().when(heard, early).leave_when(|_| true);
     cell.serve(|cameras| cameras, vec![], &mut script);
@@ -384,9 +385,12 @@ fn a_full_disk_holds_the_cell_until_there_is_room() {
     let mut script = Script::default()
         .reset()
         .start(&cell)
-        .when(held, What::Table(cycle::Request::Unhold { dried: true }))
-        .when(held, What::Table(cycle::Request::Unhold { dried: true }))
-        .when(|state| matches!(state.at, At::Unholding { .. } | At::Execute(_)), What::Table(cycle::Request::Stop))
+        .when(held, RequestKind::Table(cycle::Request::Unhold { dried: true }))
+        .when(held, RequestKind::Table(cycle::Request::Unhold { dried: true }))
+        .when(
+            |state| matches!(state.at, At::Unholding { .. } | At::Execute(_)),
+            RequestKind::Table(cycle::Request::Stop),
+        )
         .leave_when(|state| state.at == At::Stopped);
     let record = cell.serve(|cameras| cameras, vec![], &mut script);
     assert_eq!(
@@ -395,7 +399,7 @@ fn a_full_disk_holds_the_cell_until_there_is_room() {
         "once, then there is room"
     );
     assert!(script.noted.iter().any(|reason| reason.message.contains("delete recordings")));
-    let full = record.events.iter().filter(|event| **event == Event::Told(Report::Trouble(Trouble::DiskFull)));
+    let full = record.events.iter().filter(|event| **event == Event::Reported(Report::Trouble(Trouble::DiskFull)));
     assert_eq!(full.count(), 1);
     assert!(record.intents.iter().all(|(_, end)| end.is_some()), "every motion has its end");
 }

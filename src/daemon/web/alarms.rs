@@ -4,9 +4,9 @@ use super::downloads::{self, Form};
 use super::guard::{By, refusal};
 use super::layout::{Frame, Script, local};
 use super::messages;
+use super::page_texts::Language;
 use super::reading::{Answer, ended, reading};
 use super::state::{Web, blocking, entry};
-use super::words::Language;
 use crate::accounts::{AuditEntry, Permission};
 use crate::daemon::alarms;
 use crate::history::{Alarm, Priority, alarm_table};
@@ -150,7 +150,7 @@ fn kept(web: &Web, line: AuditEntry, form: &AcknowledgeForm, who: String) -> Res
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::daemon::web::words::Words;
+    use crate::daemon::web::page_texts::Words;
     use crate::history::Acknowledgement;
 
     fn alarm(gone_unix_ms: Option<i64>) -> Alarm {

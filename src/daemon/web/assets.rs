@@ -3,7 +3,7 @@
 
 use super::guard::not_found;
 use crate::files::hex;
-use crate::page::drawing::sheet;
+use crate::page::drawing::canvas;
 use axum::extract::Path;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
@@ -22,8 +22,8 @@ const FILES: [(&str, &str, &str); 10] = [
     ("scene.js", SCRIPT, include_str!("assets/scene.js")),
     ("matrix.js", SCRIPT, include_str!("assets/matrix.js")),
     ("draw.js", SCRIPT, include_str!("assets/draw.js")),
-    ("sheet.js", SCRIPT, sheet::SCRIPT),
-    ("sheet.css", STYLE, sheet::STYLE),
+    ("sheet.js", SCRIPT, canvas::SCRIPT),
+    ("sheet.css", STYLE, canvas::STYLE),
     ("icon.svg", "image/svg+xml", include_str!("assets/icon.svg")),
 ];
 

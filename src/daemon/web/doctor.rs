@@ -2,9 +2,9 @@
 
 use super::guard::By;
 use super::layout::Frame;
+use super::page_texts::Language;
 use super::reading::{Answer, ended};
 use super::state::{Web, blocking};
-use super::words::Language;
 use crate::daemon::setup_source::Examined;
 use axum::Extension;
 use axum::extract::State;
@@ -50,7 +50,7 @@ fn body(words: Language<'_>, examined: &[Examined]) -> Markup {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::daemon::web::words::Words;
+    use crate::daemon::web::page_texts::Words;
 
     #[test]
     fn what_is_wrong_stands_first_with_what_to_do() {

@@ -9,7 +9,7 @@ use super::versions::difference;
 use crate::daemon::setup_source::SetupSource;
 use crate::files;
 use crate::files::content_hash;
-use crate::page::drawing::sheet;
+use crate::page::drawing::canvas;
 use crate::recipe::Drawn;
 use axum::extract::{Path, State};
 use axum::http::{StatusCode, header};
@@ -40,7 +40,7 @@ pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By, Pa
     let word = |key| words.word(key);
     let own = format!("/setup/recipe/{}", encoded(&name));
     let title = format!("{}: {name}", word("setup.draw"));
-    let sheet = sheet::markup(&format!("{own}/picture.png"), "", |key| words.word(key).to_owned());
+    let sheet = canvas::markup(&format!("{own}/picture.png"), "", |key| words.word(key).to_owned());
     let body = html! {
         section.card {
             h2 { (title) }
@@ -90,7 +90,7 @@ pub(super) async fn picture(State(web): State<Arc<Web>>, Path(name): Path<String
 pub(super) async fn drawing(State(web): State<Arc<Web>>, Path(name): Path<String>) -> Answer {
     let drawn = with(&web, move |source| {
         let text = source.recipe(&name)?.text;
-        sheet::checked(&name, &text).map(|recipe| sheet::drawn(&recipe)).map_err(|problems| problems.join("\n"))
+        canvas::checked(&name, &text).map(|recipe| canvas::drawn(&recipe)).map_err(|problems| problems.join("\n"))
     });
     Ok(Json(drawn.await?).into_response())
 }
@@ -105,7 +105,7 @@ pub(super) async fn propose(
         let before = source.recipe(&name)?.text;
         let picture = source.taught_picture(&name)?;
         let size_px = [picture.width, picture.height];
-        let after = sheet::drawn_on((&name, &before), size_px, &drawn).map_err(|problems| problems.join("\n"))?;
+        let after = canvas::drawn_on((&name, &before), size_px, &drawn).map_err(|problems| problems.join("\n"))?;
         match source.problems(&name, &after) {
             problems if problems.is_empty() => Ok((before, after)),
             problems => Err(problems.join("\n")),

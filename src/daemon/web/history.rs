@@ -3,10 +3,10 @@
 use super::downloads::{self, Form};
 use super::guard::By;
 use super::layout::{Frame, local};
+use super::page_texts::Language;
 use super::reading::{Answer, reading};
 use super::state::Web;
 use super::visitor::Visitor;
-use super::words::Language;
 use crate::history::{DateError, Edge, End, Hit, Hits, Query, hits_table, unix_s};
 use crate::record::CycleId;
 use crate::verdict::{Reason, Verdict};
@@ -242,7 +242,7 @@ fn codes(reasons: &[Reason]) -> Vec<(&Reason, usize)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::daemon::web::words::Words;
+    use crate::daemon::web::page_texts::Words;
     use crate::record::PartNames;
 
     fn hit() -> Hit {

@@ -3,7 +3,7 @@
 use super::assets;
 use super::visitor::{Visitor, role_key};
 use crate::accounts::Permission;
-use crate::words::utc;
+use crate::number_text::utc;
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use maud::{DOCTYPE, Markup, html};

@@ -5,8 +5,8 @@ use super::live_state::Live;
 use super::places::owner;
 use super::state::Web;
 use crate::daemon::gateway::Gateway;
-use crate::daemon::request::What;
-use crate::record::{Front, Who};
+use crate::daemon::request::RequestKind;
+use crate::record::{RequestSource, Who};
 use axum::extract::{ConnectInfo, State};
 use axum::response::sse::{Event, KeepAlive, Sse};
 use futures_util::stream::{self, Stream};
@@ -25,7 +25,7 @@ const KEEP_ALIVE_INTERVAL: Duration = Duration::from_secs(1);
 pub(super) async fn follow(gateway: Gateway, frames: Arc<Frames>, tell: watch::Sender<Arc<Live>>) {
     let mut told = tokio::time::Instant::now();
     loop {
-        let reply = gateway.request(What::State, Who::by(Front::Page)).await;
+        let reply = gateway.request(RequestKind::State, Who::by(RequestSource::Page)).await;
         let was = tell.borrow().clone();
         let now = match reply.state {
             // There is no viewer if the page itself is the only receiver: then no picture is requested, and none is

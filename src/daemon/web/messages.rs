@@ -2,8 +2,8 @@
 //! with its values.
 
 use super::guard::{By, not_found};
+use super::page_texts::Language;
 use super::reading::Answer;
-use super::words::Language;
 use crate::verdict::Reason;
 use axum::extract::Path;
 use axum::response::IntoResponse;
@@ -68,7 +68,7 @@ fn prose(text: &str) -> Markup {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::daemon::web::words::Words;
+    use crate::daemon::web::page_texts::Words;
 
     #[test]
     fn a_message_stands_in_the_persons_language_with_the_values_beside_it() {

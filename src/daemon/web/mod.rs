@@ -35,6 +35,7 @@ mod live;
 mod live_state;
 mod login;
 mod messages;
+mod page_texts;
 mod people;
 mod places;
 mod reading;
@@ -53,7 +54,6 @@ mod trends;
 mod versions;
 mod visitor;
 mod watching;
-mod words;
 
 #[cfg(test)]
 mod tests;

@@ -7,7 +7,7 @@ use super::visitor::Visitor;
 use crate::accounts::AuditEntry;
 use crate::cycle;
 use crate::daemon::reply::{Exit, Reply};
-use crate::daemon::request::{OwnText, PartNames, StartRequest, What};
+use crate::daemon::request::{OwnText, PartNames, RequestKind, StartRequest};
 use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
@@ -31,14 +31,14 @@ fn to_response(visitor: &Visitor, reply: &Reply) -> Response {
     (status, Json(json!({ "code": code, "message": message, "state": reply.state }))).into_response()
 }
 
-async fn requested(web: &Web, visitor: &Visitor, what: What) -> Response {
+async fn requested(web: &Web, visitor: &Visitor, what: RequestKind) -> Response {
     to_response(visitor, &web.front.gateway.request(what, visitor.who()).await)
 }
 
 macro_rules! table_requests {
     ($($name:ident => $request:expr),* $(,)?) => {
         $(pub(super) async fn $name(State(web): State<Arc<Web>>, Extension(visitor): By) -> Response {
-            requested(&web, &visitor, What::Table($request)).await
+            requested(&web, &visitor, RequestKind::Table($request)).await
         })*
     };
 }
@@ -62,7 +62,7 @@ pub(super) async fn clear(
     Extension(visitor): By,
     Json(Decision { step }): Json<Decision>,
 ) -> Response {
-    requested(&web, &visitor, What::Decided { request: cycle::Request::Clear, step }).await
+    requested(&web, &visitor, RequestKind::Decided { request: cycle::Request::Clear, step }).await
 }
 
 /// Accepts the result that waits for review as good.
@@ -71,7 +71,7 @@ pub(super) async fn accept(
     Extension(visitor): By,
     Json(Decision { step }): Json<Decision>,
 ) -> Response {
-    requested(&web, &visitor, What::Decided { request: cycle::Request::Accept, step }).await
+    requested(&web, &visitor, RequestKind::Decided { request: cycle::Request::Accept, step }).await
 }
 
 /// The longest reason, in characters.
@@ -90,7 +90,7 @@ pub(super) async fn hold(
     Extension(visitor): By,
     Json(Hold { why }): Json<Hold>,
 ) -> Response {
-    let reply = web.front.gateway.request(What::Table(cycle::Request::Hold), visitor.who()).await;
+    let reply = web.front.gateway.request(RequestKind::Table(cycle::Request::Hold), visitor.who()).await;
     let why: String = why.trim().chars().filter(|c| !c.is_control()).take(MAX_CHARACTERS).collect();
     if reply.answer == Exit::Done && !why.is_empty() {
         let subject = reply.cycle_id.map_or(why.clone(), |cycle| format!("cycle {cycle}: {why}"));
@@ -113,11 +113,11 @@ pub(super) async fn unhold(
     Extension(visitor): By,
     Json(Unhold { dried, step }): Json<Unhold>,
 ) -> Response {
-    requested(&web, &visitor, What::Decided { request: cycle::Request::Unhold { dried }, step }).await
+    requested(&web, &visitor, RequestKind::Decided { request: cycle::Request::Unhold { dried }, step }).await
 }
 
 pub(super) async fn new_disc(State(web): State<Arc<Web>>, Extension(visitor): By) -> Response {
-    requested(&web, &visitor, What::NewDisc).await
+    requested(&web, &visitor, RequestKind::NewDisc).await
 }
 
 /// The cycle that is to begin. The operator is the person who is logged in.
@@ -163,5 +163,5 @@ pub(super) async fn start(
         another_part,
         own_text: OwnText::Refused,
     };
-    requested(&web, &visitor, What::Start(start)).await
+    requested(&web, &visitor, RequestKind::Start(start)).await
 }

@@ -3,10 +3,10 @@
 //! same.
 
 use super::guard::not_found;
+use super::page_texts::Language;
 use super::reading::{Answer, reading};
 use super::state::Web;
 use super::visitor::Visitor;
-use super::words::Language;
 use crate::daemon::live_scene::ScenePath;
 use crate::record::{CycleId, CycleRecord};
 use axum::Extension;
@@ -89,7 +89,7 @@ pub(super) fn shown(words: Language<'_>, cycle: Option<CycleId>) -> Markup {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::daemon::web::words::Words;
+    use crate::daemon::web::page_texts::Words;
 
     #[test]
     fn the_part_of_the_page_names_its_cycle_where_it_has_one() {

@@ -5,15 +5,15 @@ use super::error::{PageError, PageFileError};
 use super::frame::Frames;
 use super::live;
 use super::live_state::Live;
+use super::page_texts::Words;
 use super::places::{CONNECTIONS, Places, owner};
 use super::routes;
 use super::state::{Web, WebParts};
 use super::tls::{self, Certificate};
 use super::watching;
-use super::words::Words;
 use crate::cell;
 use crate::daemon::background::step_back;
-use crate::daemon::front_parts::FrontParts;
+use crate::daemon::interface_context::InterfaceContext;
 use crate::daemon::live_view::LiveView;
 use crate::daemon::record_source::RecordSource;
 use crate::daemon::slots::ActivityHandle;
@@ -57,7 +57,7 @@ pub struct PageParts {
     /// The store's folder.
     pub folder: PathBuf,
     /// The parts that every front uses.
-    pub front: FrontParts,
+    pub front: InterfaceContext,
     /// The live view of the cameras.
     pub view: LiveView,
     /// The source of the cycles' pages and of their signatures.

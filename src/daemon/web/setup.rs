@@ -2,10 +2,10 @@
 
 use super::guard::{By, refusal};
 use super::layout::{Frame, Script, local};
+use super::page_texts::Language;
 use super::reading::{Answer, ended, reading};
 use super::state::{Web, blocking, entry};
 use super::versions;
-use super::words::Language;
 use crate::accounts::{AuditEntry, Permission};
 use crate::files::content_hash;
 use crate::office::RecipeOffer;

@@ -3,14 +3,14 @@
 use super::camera_views::Views;
 use super::frame::Frames;
 use super::live_state::Live;
+use super::page_texts::{Language, Words};
 use super::places::{LOOKERS, Places};
 use super::refusals::Refusals;
 use super::sessions::Sessions;
 use super::stamps::Stamps;
 use super::visitor::Visitor;
-use super::words::{Language, Words};
 use crate::accounts::AuditEntry;
-use crate::daemon::front_parts::FrontParts;
+use crate::daemon::interface_context::InterfaceContext;
 use crate::daemon::live_scene::LiveScene;
 use crate::daemon::record_source::RecordSource;
 use crate::store::{Store, StoreError};
@@ -19,7 +19,7 @@ use tokio::sync::{Semaphore, watch};
 
 /// What the page's handlers share.
 pub(super) struct Web {
-    pub front: FrontParts,
+    pub front: InterfaceContext,
     pub live: watch::Receiver<Arc<Live>>,
     pub frames: Arc<Frames>,
     pub scene: LiveScene,
@@ -45,7 +45,7 @@ pub(super) struct Web {
 
 /// The parts from which the shared data of the page is made.
 pub(super) struct WebParts {
-    pub front: FrontParts,
+    pub front: InterfaceContext,
     pub live: watch::Receiver<Arc<Live>>,
     pub frames: Arc<Frames>,
     pub words: Words,

@@ -8,14 +8,14 @@ mod sessions;
 
 use super::frame::Frames;
 use super::live_state::Live;
+use super::page_texts::Words;
 use super::routes;
 use super::server::PageParts;
 use super::state::{Web, WebParts};
-use super::words::Words;
 use crate::accounts::{self, Account, AuditEntry, Role};
 use crate::daemon::alarms::Alarms;
-use crate::daemon::front_parts::FrontParts;
 use crate::daemon::gateway::Gateway;
+use crate::daemon::interface_context::InterfaceContext;
 use crate::daemon::live_view::LiveView;
 use crate::daemon::people::People;
 use crate::daemon::record_source::{RecordPdf, RecordSource};
@@ -183,7 +183,7 @@ impl PageFixture {
         thread::spawn(move || {
             loop {
                 let Some(CellRequest { what, who, reply }) = queue.next(Duration::from_secs(60)) else { return };
-                if !matches!(what, crate::daemon::request::What::State) {
+                if !matches!(what, crate::daemon::request::RequestKind::State) {
                     heard.lock().expect("whole").push(format!("{} by {who}", what.words()));
                 }
                 let done = Reply { state: Some("idle".to_owned()), ..Reply::refused(Exit::Done, vec![]) };
@@ -198,7 +198,12 @@ impl PageFixture {
         let people = Arc::new(People::new(folder_of_store));
         let alarms = Arc::new(Alarms::new(people.clone()));
         let web = Arc::new(Web::new(WebParts {
-            front: FrontParts { gateway: gateway.clone(), people, alarms, setup: Arc::new(Source::default()) },
+            front: InterfaceContext {
+                gateway: gateway.clone(),
+                people,
+                alarms,
+                setup: Arc::new(Source::default()),
+            },
             live,
             frames: Arc::new(Frames::new(LiveView::default())),
             words: Words::read(None).expect("the program's own"),
@@ -218,7 +223,7 @@ impl PageFixture {
         let (folder, gateway) = (self.folder.path().join("store"), self.gateway.clone());
         let people = Arc::new(People::new(folder.clone()));
         let alarms = Arc::new(Alarms::new(people.clone()));
-        let front = FrontParts { gateway, people, alarms, setup: Arc::new(Source::default()) };
+        let front = InterfaceContext { gateway, people, alarms, setup: Arc::new(Source::default()) };
         PageParts { page, folder, front, view: LiveView::default(), records: Arc::new(Source::default()) }
     }
 

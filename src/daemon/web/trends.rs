@@ -3,14 +3,14 @@
 use super::downloads;
 use super::guard::By;
 use super::layout::Frame;
+use super::page_texts::Language;
 use super::reading::{Answer, reading};
 use super::state::Web;
 use super::visitor::Visitor;
-use super::words::Language;
 use crate::history::{HeatMap, Known, Quantity, Trend, heat_map, heat_table, trend, trend_table};
+use crate::number_text::utc;
 use crate::report::{ChartWords, heat_chart, shown, trend_chart};
 use crate::store::{Store, StoreError};
-use crate::words::utc;
 use axum::Extension;
 use axum::extract::{Query, State};
 use axum::response::Response;
@@ -210,7 +210,7 @@ fn hints(words: Language<'_>, trend: &Trend) -> Markup {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::daemon::web::words::Words;
+    use crate::daemon::web::page_texts::Words;
     use crate::history::{HeatCell, TrendPoint};
     use crate::record::CycleId;
     use crate::verdict::Limit;

@@ -2,7 +2,7 @@
 //! versions come from the audit trail.
 
 use super::layout::local;
-use super::words::Language;
+use super::page_texts::Language;
 use crate::store::NumberedEntry;
 use maud::{Markup, html};
 use similar::{ChangeTag, TextDiff};
@@ -56,7 +56,7 @@ pub(in crate::daemon) fn difference(before: &str, after: &str) -> Markup {
 mod tests {
     use super::*;
     use crate::accounts::AuditEntry;
-    use crate::daemon::web::words::Words;
+    use crate::daemon::web::page_texts::Words;
 
     #[test]
     fn a_version_shows_who_and_why_and_its_lines() {

@@ -1,8 +1,8 @@
 //! The sender of a request to the page: a person with a role, or a visitor who is not logged in.
 
-use super::words::{Language, Words};
+use super::page_texts::{Language, Words};
 use crate::accounts::{Permission, Role};
-use crate::record::{Front, Who};
+use crate::record::{RequestSource, Who};
 use std::sync::Arc;
 
 /// The sender of a request.
@@ -38,7 +38,7 @@ impl Visitor {
 
     /// Returns the visitor in the form in which the service records who requested something.
     pub fn who(&self) -> Who {
-        Who { front: Front::Page, uid: None, user: self.person.as_ref().map(|person| person.name.clone()) }
+        Who { front: RequestSource::Page, uid: None, user: self.person.as_ref().map(|person| person.name.clone()) }
     }
 
     /// Returns whether the visitor's role permits it; a visitor who is not logged in may do nothing that needs a

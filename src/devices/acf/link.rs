@@ -1,6 +1,6 @@
 //! The link to a tool over TCP: a thread of its own, for which nothing waits.
 
-use super::tool::{ConnectedTool, ToolNews, session_limits};
+use super::tool::{ConnectedTool, ToolReport, session_limits};
 use crate::cell::{CompliantTool, ToolAddress};
 use crate::eki::Time;
 use crate::force::{Loss, Press, Reading, Session, SessionLimits, State};
@@ -90,15 +90,15 @@ impl ConnectedTool for AcfLink {
         self.shared.lock().pressed = Some(press);
     }
 
-    fn news(&mut self) -> Option<ToolNews> {
+    fn news(&mut self) -> Option<ToolReport> {
         let mut inside = self.shared.lock();
         if let Some(loss) = inside.loss.take() {
-            return Some(ToolNews::Lost(loss));
+            return Some(ToolReport::Lost(loss));
         }
         let (at, reading) = inside.newest.filter(|(at, _)| self.told != Some(*at))?;
         self.told = Some(at);
         let age_ms = u32::try_from(at.elapsed().as_millis()).unwrap_or(u32::MAX);
-        Some(ToolNews::Reading { reading, age_ms })
+        Some(ToolReport::Reading { reading, age_ms })
     }
 }
 

@@ -25,4 +25,4 @@ pub use mock::{MockAcf, Surrounding, ToolFault};
 pub use planned_fault::{PlannedToolFault, PlannedToolFaultError};
 pub use server::MockAcfServer;
 pub use simulated::{SimulatedAcf, SimulatedPanel, Surroundings};
-pub use tool::{ConnectedTool, ToolNews, session_limits};
+pub use tool::{ConnectedTool, ToolReport, session_limits};

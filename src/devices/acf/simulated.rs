@@ -2,7 +2,7 @@
 
 use super::mock::{MockAcf, Surrounding, ToolFault};
 use super::planned_fault::PlannedToolFault;
-use super::tool::{ConnectedTool, ToolNews, session_limits};
+use super::tool::{ConnectedTool, ToolReport, session_limits};
 use crate::cell::CompliantTool;
 use crate::devices::cameras::Arm;
 use crate::devices::world::SimulatedWorld;
@@ -102,7 +102,7 @@ impl<S: Surroundings> ConnectedTool for SimulatedAcf<S> {
         self.pressed = Some(press);
     }
 
-    fn news(&mut self) -> Option<ToolNews> {
+    fn news(&mut self) -> Option<ToolReport> {
         let now = self.around.now()?;
         let fault = self.around.fault();
         self.mock.breaks(fault);
@@ -111,12 +111,12 @@ impl<S: Surroundings> ConnectedTool for SimulatedAcf<S> {
         }
         if let State::Lost(loss) = self.session.state() {
             let is_new = !std::mem::replace(&mut self.is_lost, true);
-            return is_new.then(|| ToolNews::Lost(loss.clone()));
+            return is_new.then(|| ToolReport::Lost(loss.clone()));
         }
         let (at, reading) = self.session.newest().filter(|(at, _)| self.told != Some(*at))?;
         (self.told, self.is_lost) = (Some(at), false);
         let age_ms = u32::try_from(Time::at_ms(now.time_ms).since(at).as_millis()).unwrap_or(u32::MAX);
-        Some(ToolNews::Reading { reading, age_ms })
+        Some(ToolReport::Reading { reading, age_ms })
     }
 }
 

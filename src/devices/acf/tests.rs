@@ -18,7 +18,7 @@ fn started(server: &MockAcfServer) -> AcfLink {
 }
 
 /// Returns the expected news that comes within four seconds, and the time until then.
-fn wait(link: &mut AcfLink, wanted: impl Fn(&ToolNews) -> bool) -> (ToolNews, Duration) {
+fn wait(link: &mut AcfLink, wanted: impl Fn(&ToolReport) -> bool) -> (ToolReport, Duration) {
     let began = Instant::now();
     while began.elapsed() < Duration::from_secs(4) {
         match link.news().filter(&wanted) {
@@ -34,13 +34,12 @@ fn wait(link: &mut AcfLink, wanted: impl Fn(&ToolNews) -> bool) -> (ToolNews, Du
 fn a_tool_over_a_socket_presses_as_it_is_told() {
     let server = MockAcfServer::start(&tool(), 15.0).expect("a port");
     let mut link = started(&server);
-    let held = |news: &ToolNews| matches!(news, ToolNews::Reading { reading, .. } if !reading.contact);
+    let held = |news: &ToolReport| matches!(news, ToolReport::Reading { reading, .. } if !reading.contact);
     wait(&mut link, held);
     link.press(Press { force_n: 20.0, no_contact_n: 5.0, ramp_s: 0.1 });
-    let pressed =
-        |news: &ToolNews| matches!(news, ToolNews::Reading { reading, .. } if (reading.force_n - 20.0).abs() < 0.5);
+    let pressed = |news: &ToolReport| matches!(news, ToolReport::Reading { reading, .. } if (reading.force_n - 20.0).abs() < 0.5);
     let (news, _) = wait(&mut link, pressed);
-    let ToolNews::Reading { reading, age_ms } = news else { panic!("{news:?}") };
+    let ToolReport::Reading { reading, age_ms } = news else { panic!("{news:?}") };
     assert!(reading.contact && (reading.position_mm - 15.0).abs() < 0.1 && age_ms < 200, "{reading:?} {age_ms}");
 }
 
@@ -50,7 +49,7 @@ fn a_tool_over_a_socket_presses_as_it_is_told() {
 fn each_fault_of_the_link_is_told_and_mended() {
     let server = MockAcfServer::start(&tool(), 15.0).expect("a port");
     let mut link = started(&server);
-    let reads = |news: &ToolNews| matches!(news, ToolNews::Reading { .. });
+    let reads = |news: &ToolReport| matches!(news, ToolReport::Reading { .. });
     for (fault, word) in [
         (ToolFault::LinkCut, "closed"),
         (ToolFault::Silent, "has not answered for 1"),
@@ -61,8 +60,8 @@ fn each_fault_of_the_link_is_told_and_mended() {
         server.breaks(None);
         wait(&mut link, reads);
         server.breaks(Some(fault));
-        let (news, took) = wait(&mut link, |news| matches!(news, ToolNews::Lost(_)));
-        let ToolNews::Lost(loss) = news else { panic!("{news:?}") };
+        let (news, took) = wait(&mut link, |news| matches!(news, ToolReport::Lost(_)));
+        let ToolReport::Lost(loss) = news else { panic!("{news:?}") };
         assert!(loss.to_string().contains(word), "{fault}: {loss}");
         assert!(took < Duration::from_millis(400), "{fault} took {took:?}");
     }

@@ -5,10 +5,10 @@ use crate::force::{Loss, Press, Reading, SessionLimits};
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// News of a tool.
+/// A report of a tool.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub enum ToolNews {
+pub enum ToolReport {
     /// Its report, with its age, ms.
     Reading {
         /// Its report.
@@ -25,7 +25,7 @@ pub trait ConnectedTool: Send {
     /// Commands the force with which it presses from now on.
     fn press(&mut self, press: Press);
     /// Returns the news about it; `None` if there is none.
-    fn news(&mut self) -> Option<ToolNews>;
+    fn news(&mut self) -> Option<ToolReport>;
 }
 
 /// Returns the limits that a session with this tool uses.

@@ -9,9 +9,9 @@ use super::configure::{configure, found};
 use super::error::{GigeError, whole_ms};
 use super::format::PixelFormat;
 use super::settings::{Exposing, Settings};
+use super::single_picture::{self, MAX_ATTEMPTS, NoStill, Shutter};
 use super::sockets::{rmem_max, socket_buffer_bytes};
 use super::statistics::Statistics;
-use super::still::{self, MAX_ATTEMPTS, NoStill, Shutter};
 use super::streaming::Streaming;
 use aravis::GvStreamOption;
 use aravis::prelude::*;
@@ -107,7 +107,7 @@ impl Connected {
 
     /// Takes a picture that is exposed now.
     pub fn still(&mut self) -> Result<Frame, GigeError> {
-        let taken = still::capture(&mut self.sensor, &mut self.acceptance, &mut self.statistics);
+        let taken = single_picture::capture(&mut self.sensor, &mut self.acceptance, &mut self.statistics);
         let camera_c = if taken.is_ok() { self.sensor.temperature_c() } else { None };
         taken.map(|(facts, pixels)| Frame { facts, pixels, camera_c }).map_err(|none| match none {
             NoStill::Gone(gone) => gone,

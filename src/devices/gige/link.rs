@@ -8,8 +8,8 @@
 use super::camera::{Connected, Frame, WARM_UP};
 use super::error::{GigeError, whole_ms};
 use super::settings::{Exposing, Settings};
+use super::single_picture::MAX_ATTEMPTS;
 use super::statistics::Statistics;
-use super::still::MAX_ATTEMPTS;
 use crate::devices::UNKNOWN_PX;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};

@@ -6,7 +6,7 @@
 //! ```
 //!
 //! The code that decides is pure and does not use Aravis: `settings` (the settings of a camera), `acceptance`
-//! (which frames are accepted), `still` (how often a still is tried), `bayer` (from one colour per pixel to three).
+//! (which frames are accepted), `single_picture` (how often a picture is tried), `bayer` (from one colour per pixel to three).
 //! A picture that is passed on is complete, of the calibrated size, newer than the one before, and has the
 //! requested exposure; any doubt is an error.
 //!
@@ -29,9 +29,9 @@ mod link;
 mod loopback;
 mod search;
 mod settings;
+mod single_picture;
 mod sockets;
 mod statistics;
-mod still;
 #[cfg(feature = "gige")]
 mod streaming;
 mod subnet;
@@ -48,9 +48,9 @@ pub use link::{Gauge, GigeCamera, LinkStatus};
 pub use loopback::{ADDRESS, Fill, LoopbackCamera, NoLoopback, Register};
 pub use search::{FoundCamera, search};
 pub use settings::{Exposing, NoNode, PACKET_BYTES, PlanError, Settings, Step, Which, plan};
+pub use single_picture::{MAX_ATTEMPTS, NoStill, Shutter, capture};
 pub use sockets::{burst_bytes, rmem_max, socket_buffer_bytes};
 pub use statistics::Statistics;
-pub use still::{MAX_ATTEMPTS, NoStill, Shutter, capture};
 pub use subnet::{Subnet, out_of_reach, subnets};
 
 #[cfg(all(test, feature = "gige"))]

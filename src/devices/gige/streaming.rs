@@ -3,8 +3,8 @@
 use super::acceptance::{Delivery, Facts};
 use super::error::GigeError;
 use super::settings::Settings;
+use super::single_picture::Shutter;
 use super::sockets::socket_buffer_bytes;
-use super::still::Shutter;
 use aravis::glib::object::Cast;
 use aravis::prelude::*;
 use aravis::{BufferPayloadType, BufferStatus, GvStream, GvStreamPacketResend, GvStreamSocketBuffer};

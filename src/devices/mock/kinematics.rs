@@ -12,7 +12,7 @@
 //! Hofbaur, Proc. Austrian Robotics Workshop 2014; KUKA's zero and signs as in kroshu/kuka_robot_descriptions.
 
 use crate::geometry::{Base, Degrees, Flange, Joints, Rigid};
-use crate::words::plain;
+use crate::number_text::plain;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 /// The lengths of an arm and the limits of its axes.

@@ -4,9 +4,9 @@
 //! a call to the controller causes is written before the next call, acknowledgements first.
 
 use super::error::MockError;
-use super::late::DelayedStream;
 use super::model::{Controller, TICK_MS};
 use super::options::Clock;
+use super::slow_connection::DelayedStream;
 use super::wire::Channel;
 use crate::geometry::{Base, Flange, Rigid};
 use std::io::{ErrorKind, Read, Write};

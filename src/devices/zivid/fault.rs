@@ -2,7 +2,7 @@
 //! what to do.
 
 use crate::devices::UNKNOWN_PX;
-use crate::words::apart;
+use crate::number_text::apart;
 use std::time::Duration;
 
 /// A fault of the 3D camera. Each begins with its row of the fault model.

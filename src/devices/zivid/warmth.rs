@@ -10,7 +10,7 @@
 //! for less than the ten minutes, or the result lies across the limit, this is reported as a doubt. Nothing here
 //! waits, and nothing here stops a cycle. Source: support.zivid.com, "Warm-up" and "Thermal Stabilization".
 
-use crate::words::apart;
+use crate::number_text::apart;
 
 /// How long the camera's temperature must have been recorded, s: the manufacturer's ten minutes.
 const MIN_OBSERVED_S: f64 = 600.0;

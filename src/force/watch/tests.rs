@@ -13,7 +13,7 @@ const LIMITS: WatchLimits = WatchLimits {
 const PRESSED: Reading = Reading { force_n: 20.0, position_mm: 15.0, contact: true, errors: ErrorBits(0) };
 
 fn pressing(low_n: f64, high_n: f64) -> Expected {
-    Expected { aim: Aim::Pressing, between_n: [low_n, high_n] }
+    Expected { aim: ForcePhase::Pressing, between_n: [low_n, high_n] }
 }
 
 /// Returns the first reason and its time; there is a reading each 50 ms.
@@ -67,12 +67,12 @@ fn contact_stroke_and_errors_are_told() {
 /// During landing, less than the set-point or no contact is allowed; too much force is reported.
 #[test]
 fn landing_may_have_no_contact_yet_and_never_too_much() {
-    let landing = Expected { aim: Aim::Landing, between_n: [5.0, 5.0] };
+    let landing = Expected { aim: ForcePhase::Landing, between_n: [5.0, 5.0] };
     let air = Reading { contact: false, ..PRESSED };
     assert_eq!(first_reason(|_| (air, 0.0, landing)), None);
     assert_eq!(first_reason(|_| (PRESSED, 10.1, landing)), at(150, "force_band"));
     // Calculated by hand: a sixth of 30 mm is 5 mm; the tool has 600 ms to reach it.
-    let held = Expected { aim: Aim::HeldBack, between_n: [-30.0, -30.0] };
+    let held = Expected { aim: ForcePhase::HeldBack, between_n: [-30.0, -30.0] };
     let out = Reading { position_mm: 5.1, ..air };
     assert_eq!(first_reason(|_| (out, 0.0, held)), at(600, "tool_stuck"));
     assert_eq!(
@@ -95,7 +95,7 @@ fn a_path_begins_with_a_tool_that_is_back() {
 /// force.
 #[test]
 fn contact_in_the_air_is_told() {
-    let held = Expected { aim: Aim::HeldBack, between_n: [-30.0, -30.0] };
+    let held = Expected { aim: ForcePhase::HeldBack, between_n: [-30.0, -30.0] };
     let touches = Reading { position_mm: 5.0, contact: true, ..PRESSED };
     assert_eq!(first_reason(|_| (touches, 200.0, held)), at(600, "contact_in_air"));
 }

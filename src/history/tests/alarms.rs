@@ -1,7 +1,7 @@
 //! Tests that alarms begin and end when they should.
 
 use super::*;
-use crate::record::{Answer, RequestRecord, Wanted};
+use crate::record::{Answer, RequestRecord, RequestedAction};
 
 fn reason(code: &'static str) -> Reason {
     Reason::new(code, format!("the words of {code}"))
@@ -93,7 +93,7 @@ fn a_refused_request_is_an_alarm_of_its_moment() {
     let (mut record, times) = past(vec![], &[]);
     let asked = |answer, code| RequestRecord {
         unix_ms: 1_020_500,
-        wanted: Wanted::NewDisc,
+        wanted: RequestedAction::NewDisc,
         who: None,
         answer: Some(answer),
         reasons: vec![reason(code)],

@@ -3,8 +3,8 @@
 use super::super::observed::Observation;
 use super::super::quality::{Flaw, Flawed, MIN_SHARPNESS, Quality};
 use super::super::steady::MIN_OUTLINE_SEEN_PERCENT;
+use crate::number_text::apart;
 use crate::recipe;
-use crate::words::apart;
 
 /// Returns the flaw that most pictures have; if several have the same number, the first of them.
 pub(super) fn worst_flaw(quality: &Quality) -> (Flaw, Flawed) {

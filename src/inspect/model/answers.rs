@@ -1,6 +1,6 @@
 //! Queries the model: the state of each pixel of the window.
 
-use super::judging::{MOVES_ON_S, TICKS_PER_SECOND};
+use super::classify::{MOVES_ON_S, TICKS_PER_SECOND};
 use super::kernel::{BLOCK_PX, BROKE, EVER_WET, INSIDE, LEVEL, LOOK, NO_DRY, OPEN, STEPPED};
 use super::{Model, Shimmer};
 use crate::geometry::median;

@@ -1,6 +1,6 @@
 //! Judges one row of tiles.
 
-use super::judging::{Known, Observed, Past, Row, Rule, judge, stirred};
+use super::classify::{Known, Observed, Past, Row, Rule, judge, stirred};
 use super::kernel::{BLOCK_PX, Block, CELL_PX, NEW};
 use super::light::Light;
 use std::ops::Range;

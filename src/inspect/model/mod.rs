@@ -16,9 +16,9 @@
 
 mod answers;
 mod band;
+mod classify;
 mod colour;
 mod flicker;
-mod judging;
 mod kernel;
 mod lamp;
 mod light;
@@ -34,9 +34,9 @@ mod views;
 use super::footprint::Window;
 use crate::geometry::ColorPicture;
 use band::Band;
+pub use classify::MOVES_ON_S;
+use classify::{Past, Rule, TICKS_PER_SECOND};
 use colour::is_of_dry_colour;
-pub use judging::MOVES_ON_S;
-use judging::{Past, Rule, TICKS_PER_SECOND};
 use kernel::{Adding, BLOCK_PX, BROKE, Block, EVER_WET, INSIDE, LEVEL, LOOK, NEW, NO_DRY, OPEN, OVEREXPOSED, Sum};
 use lamp::{Lamp, Lit};
 use light::{Light, TILE_PX};

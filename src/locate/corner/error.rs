@@ -1,7 +1,7 @@
 //! Errors for a picture that shows no corner, in words for the person who set the recipe.
 
 use crate::imaging::ImagingError;
-use crate::words::apart;
+use crate::number_text::apart;
 
 /// The reason why a picture shows no corner.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

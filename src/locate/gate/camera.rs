@@ -4,8 +4,8 @@
 //! the camera motion displaced the panel. A fixture that shows too little cannot detect a camera motion.
 
 use super::super::evidence::Fit;
+use crate::number_text::{apart, fixed, percent_apart};
 use crate::verdict::{Check, SetBy, Severity};
-use crate::words::{apart, fixed, percent_apart};
 
 /// A camera motion that displaces the panel by more than this distance, mm, means that the camera has moved since
 /// teaching.

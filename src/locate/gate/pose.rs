@@ -5,10 +5,10 @@
 
 use super::super::CompetingPose;
 use super::super::evidence::Fit;
+use crate::number_text::{apart, fixed};
 use crate::recipe;
 use crate::record::name;
 use crate::verdict::{Check, SetBy};
-use crate::words::{apart, fixed};
 
 /// Largest distance between the results of fits from independent starts, mm.
 pub const MAX_DISAGREEMENT_MM: f64 = 0.1;

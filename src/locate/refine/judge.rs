@@ -4,9 +4,9 @@
 
 use super::super::gate::exceeds;
 use super::correction::{CornerReport, Refined};
+use crate::number_text::{apart, fixed};
 use crate::recipe;
 use crate::verdict::{Check, Judgement, SetBy, Severity};
-use crate::words::{apart, fixed};
 
 /// Largest distance between a corner of a rigid panel and its measured place after the correction, mm.
 pub const MAX_LEFT_MM: f64 = 0.3;

@@ -1,12 +1,12 @@
 //! The page on which a person draws on the taught scan's picture: the region, its grids, the masked areas, the
 //! panel's outline and the places that hold the panel.
 //!
-//! The sheet with its tools (`sheet`) is the same on the operator's page. Here: `GET .` the page · `GET
+//! The sheet with its tools (`canvas`) is the same on the operator's page. Here: `GET .` the page · `GET
 //! drawing.json` the recipe's shapes · `GET picture.png` · `POST save` the drawn shapes: they are written to the
 //! recipe's file if the recipe's own check accepts them, otherwise the problems are returned · `POST done` ends the
 //! page.
 
-pub mod sheet;
+pub mod canvas;
 
 use super::session::Session;
 use super::{Local, LocalError};
@@ -57,8 +57,8 @@ pub fn serve(local: Local, sheet: Sheet) -> Result<u32, LocalError> {
         |kind: &'static str, text: &'static str| get(move || async move { ([(header::CONTENT_TYPE, kind)], text) });
     let pages = Router::new()
         .route(&local.path(""), get(page))
-        .route(&local.path("sheet.js"), text("text/javascript; charset=utf-8", sheet::SCRIPT))
-        .route(&local.path("sheet.css"), text("text/css; charset=utf-8", sheet::STYLE))
+        .route(&local.path("sheet.js"), text("text/javascript; charset=utf-8", canvas::SCRIPT))
+        .route(&local.path("sheet.css"), text("text/css; charset=utf-8", canvas::STYLE))
         .route(&local.path("drawing.js"), text("text/javascript; charset=utf-8", SCRIPT))
         .route(&local.path("drawing.css"), text("text/css; charset=utf-8", STYLE))
         .route(&local.path("picture.png"), get(picture))
@@ -71,12 +71,10 @@ pub fn serve(local: Local, sheet: Sheet) -> Result<u32, LocalError> {
 }
 
 async fn page() -> Html<String> {
-    Html(
-        PAGE.replace(
-            "{sheet}",
-            &sheet::markup("picture.png", BUTTONS, |key| sheet::english(key).unwrap_or_default()),
-        ),
-    )
+    Html(PAGE.replace(
+        "{sheet}",
+        &canvas::markup("picture.png", BUTTONS, |key| canvas::english(key).unwrap_or_default()),
+    ))
 }
 
 async fn picture(State(inside): State<Arc<Inside>>) -> Response {
@@ -88,7 +86,7 @@ fn read(sheet: &Sheet) -> Result<(String, Recipe), Vec<String>> {
     let name = sheet.recipe.display().to_string();
     let bytes = disk::read(&sheet.recipe).map_err(|error| vec![format!("{name}: {error}")])?;
     let text = String::from_utf8(bytes).map_err(|error| vec![format!("{name}: {error}")])?;
-    let recipe = sheet::checked(&name, &text)?;
+    let recipe = canvas::checked(&name, &text)?;
     Ok((text, recipe))
 }
 
@@ -101,7 +99,7 @@ async fn drawing(State(inside): State<Arc<Inside>>) -> Response {
     match read(sheet) {
         Ok((_, recipe)) => {
             let told: Value = json!({
-                "panel": recipe.panel(), "recipe": sheet.recipe.display().to_string(), "drawn": sheet::drawn(&recipe),
+                "panel": recipe.panel(), "recipe": sheet.recipe.display().to_string(), "drawn": canvas::drawn(&recipe),
             });
             Json(told).into_response()
         }
@@ -123,7 +121,7 @@ async fn save(State(inside): State<Arc<Inside>>, Json(drawn): Json<Drawn>) -> Re
 fn put(sheet: &Sheet, drawn: &Drawn) -> Result<(), Vec<String>> {
     let (text, _) = read(sheet)?;
     let name = sheet.recipe.display().to_string();
-    let edited = sheet::drawn_on((&name, &text), sheet.size_px, drawn)?;
+    let edited = canvas::drawn_on((&name, &text), sheet.size_px, drawn)?;
     (sheet.write)(&edited).map_err(|problem| vec![problem])
 }
 

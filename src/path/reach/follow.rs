@@ -2,7 +2,7 @@
 
 use super::clearance::keeps_clear;
 use super::infeasible::{Infeasibility, ReachFault};
-use super::leg::{Leg, Look, between};
+use super::leg::{CheckedPose, Leg, between};
 use super::margins::{axis_limit, beyond, keeps_out, room, too_fast};
 use crate::geometry::{Base, Flange, Joints, Point, Rigid, Tool, Vector};
 use crate::path::kinematics::{Angles, Kinematics, nearest_way};
@@ -65,7 +65,7 @@ pub fn follow(
 
 /// Returns the axis solutions for this flange pose, outside all margins and keep-out boxes; `tip` is the tool's.
 pub fn postures(arm: &Kinematics, base_from_flange: &Rigid<Base, Flange>, tip: Point<Flange>) -> Vec<Joints> {
-    let look = Look {
+    let look = CheckedPose {
         index: 0,
         base_from_flange: *base_from_flange,
         tip: *base_from_flange * tip,
@@ -103,7 +103,7 @@ fn looks(
     flange_from_tool: Rigid<Flange, Tool>,
     from: Option<&Joints>,
     legs: &[Leg],
-) -> Result<Vec<Look>, ReachFault> {
+) -> Result<Vec<CheckedPose>, ReachFault> {
     let tool_from_flange = flange_from_tool.inverse();
     let finite = |pose: &Rigid<Base, Tool>| pose.isometry().to_homogeneous().iter().all(|n| n.is_finite());
     let wrong = legs.iter().position(|leg| !(finite(&leg.base_from_tool) && leg.feed_mm_s > 0.0));
@@ -111,7 +111,7 @@ fn looks(
     if wrong.is_some() || start == Some(None) {
         return Err(ReachFault { index: wrong.unwrap_or(0), cause: Infeasibility::NotFinite });
     }
-    let look = |index, base_from_tool: Rigid<Base, Tool>, seconds, change_s, is_end| Look {
+    let look = |index, base_from_tool: Rigid<Base, Tool>, seconds, change_s, is_end| CheckedPose {
         index,
         base_from_flange: base_from_tool * tool_from_flange,
         tip: base_from_tool.origin(),
@@ -149,7 +149,7 @@ fn looks(
 }
 
 /// Continues from step to step in one configuration; returns how far it came if it fails.
-fn track(arm: &Kinematics, looks: &[Look], start: Angles) -> Result<Travel, (usize, ReachFault)> {
+fn track(arm: &Kinematics, looks: &[CheckedPose], start: Angles) -> Result<Travel, (usize, ReachFault)> {
     let (mut at, mut speed) = (start, [0.0; 6]);
     let mut travel = Travel { joints: Vec::new(), room_deg: f64::INFINITY };
     for (step, look) in looks.iter().enumerate() {
@@ -178,11 +178,11 @@ fn widest(turned: &Angles) -> usize {
 }
 
 /// Returns the axis solution of a place that is nearest to the current axes, turn by turn.
-fn nearest(arm: &Kinematics, look: &Look, at: &Angles) -> Result<Angles, Infeasibility> {
+fn nearest(arm: &Kinematics, look: &CheckedPose, at: &Angles) -> Result<Angles, Infeasibility> {
     nearest_way(&look.ways, at).ok_or_else(|| out_of_reach(arm, look))
 }
 
-fn out_of_reach(arm: &Kinematics, look: &Look) -> Infeasibility {
+fn out_of_reach(arm: &Kinematics, look: &CheckedPose) -> Infeasibility {
     Infeasibility::OutOfReach { beyond_mm: arm.beyond_reach_mm(&look.base_from_flange) }
 }
 

@@ -1,6 +1,6 @@
 //! The reasons why an arm cannot follow a path, in words: which axis or part, how far, and the limit.
 
-use crate::words::{apart, plain};
+use crate::number_text::{apart, plain};
 
 /// At a stop in contact the controller's program lifts the tool off by this distance, mm: CELL_RETRACT_MM of
 /// config/kuka/cell_config.dat.

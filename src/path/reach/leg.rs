@@ -16,7 +16,7 @@ pub struct Leg {
 }
 
 /// One checked pose of a path.
-pub(super) struct Look {
+pub(super) struct CheckedPose {
     pub index: usize,
     pub base_from_flange: Rigid<Base, Flange>,
     pub tip: Point<Base>,

@@ -2,7 +2,7 @@
 //! accelerations, and the boxes that no part of the arm may enter.
 
 use super::infeasible::{Infeasibility, Singular};
-use super::leg::Look;
+use super::leg::CheckedPose;
 use crate::geometry::{Base, Point};
 use crate::path::kinematics::{Angles, Kinematics};
 use nalgebra::Vector3;
@@ -33,7 +33,7 @@ pub(super) fn axis_limit(arm: &Kinematics, ways: &[Angles]) -> Infeasibility {
 }
 
 /// Calculates the room beyond all margins, degrees.
-pub(super) fn room(arm: &Kinematics, look: &Look, at: &Angles) -> Result<f64, Infeasibility> {
+pub(super) fn room(arm: &Kinematics, look: &CheckedPose, at: &Angles) -> Result<f64, Infeasibility> {
     if let Some(cause) = beyond(arm, at) {
         return Err(cause);
     }
@@ -56,7 +56,7 @@ pub(super) fn room(arm: &Kinematics, look: &Look, at: &Angles) -> Result<f64, In
 /// Checks and returns the axes' speeds on a step, degrees a second.
 pub(super) fn too_fast(
     arm: &Kinematics,
-    look: &Look,
+    look: &CheckedPose,
     turned: &Angles,
     before: &Angles,
 ) -> Result<Angles, Infeasibility> {

@@ -1,6 +1,6 @@
 //! Tests of paths that are refused, at poses calculated by hand.
 
-use super::leg::Look;
+use super::leg::CheckedPose;
 use super::margins::{beyond, keeps_out, too_fast};
 use super::*;
 use crate::cell::Cell;
@@ -68,10 +68,10 @@ fn every_cause_has_its_name() {
     assert!(found.is_err());
 }
 
-fn look(seconds: f64, change_s: Option<f64>) -> Look {
+fn look(seconds: f64, change_s: Option<f64>) -> CheckedPose {
     let base_from_flange = KukaPose { x_mm: 480.0, z_mm: 760.0, b_deg: 90.0, ..KukaPose::default() }.to_rigid();
     let tip = Point::at(600.0, 0.0, 760.0);
-    Look { index: 0, base_from_flange, tip, seconds, change_s, is_end: true, ways: Vec::new() }
+    CheckedPose { index: 0, base_from_flange, tip, seconds, change_s, is_end: true, ways: Vec::new() }
 }
 
 /// Calculated by hand: in 10 ms, each axis may turn a hundredth of its speed, and its speed may change by a

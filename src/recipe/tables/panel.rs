@@ -2,7 +2,7 @@
 
 use crate::config::{Section, settings};
 use crate::geometry::{Pixel, polygon};
-use crate::words::apart;
+use crate::number_text::apart;
 
 settings! {
     /// `[panel]`: the panel's name, and a person's statements on its outline. `panel = "name"` alone is the short

@@ -1,7 +1,7 @@
 //! The panel's place: `[locate]` and `[corner]`.
 
 use crate::config::{Choice, Section, Setting, settings};
-use crate::words::list;
+use crate::number_text::list;
 use toml::de::DeValue;
 
 /// The method of refining a pose from the search's result.

@@ -1,5 +1,5 @@
 use super::*;
-use crate::record::{Front, Who};
+use crate::record::{RequestSource, Who};
 use proptest::prelude::*;
 
 fn finding(kind: Kind, verdict: Verdict, code: &'static str) -> Finding {
@@ -11,7 +11,7 @@ fn finding(kind: Kind, verdict: Verdict, code: &'static str) -> Finding {
 }
 
 fn asked(request: Request, answer: Answer, findings: u64) -> RequestRecord {
-    let (wanted, who) = (Wanted::For(request), Some(Who::by(Front::Socket)));
+    let (wanted, who) = (RequestedAction::For(request), Some(Who::by(RequestSource::Socket)));
     RequestRecord { unix_ms: 7, wanted, who, answer: Some(answer), reasons: vec![], findings: Some(findings) }
 }
 
@@ -128,7 +128,7 @@ fn may_pass(findings: &[Finding], requests: &[RequestRecord]) -> bool {
     let none_is_bad = findings.iter().all(|one| !is(one, Verdict::Reject) && !is(one, Verdict::Invalid));
     let is_decision = |one: &&RequestRecord| {
         one.answer == Some(Answer::Done)
-            && [REQUESTS[0], REQUESTS[1]].iter().any(|request| one.wanted == Wanted::For(*request))
+            && [REQUESTS[0], REQUESTS[1]].iter().any(|request| one.wanted == RequestedAction::For(*request))
     };
     let last_decision = requests.iter().filter(is_decision).filter_map(|one| one.findings).max().unwrap_or(0);
     let all_decided = findings.iter().skip(last_decision as usize).all(|one| !is(one, Verdict::Review));

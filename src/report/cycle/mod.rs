@@ -1,13 +1,13 @@
 //! The page of one cycle: what every phase found, the limits, the files used, and the conditions.
 
-mod happened;
+mod cycle_events;
 
 use super::checks::{NOT_MEASURED, check_row, shown};
 use super::page::{Figure, Page, Row, Section};
 use crate::geometry::KukaPose;
+use crate::number_text::utc;
 use crate::record::{Check, Clock, CycleRecord, Disposition, Finding, Kind, dispositions, name};
 use crate::verdict::{Judgement, Reason, Verdict};
-use crate::words::utc;
 use serde_json::Value;
 use std::collections::BTreeMap;
 
@@ -29,8 +29,8 @@ pub fn cycle_page(record: &CycleRecord, pictures: &BTreeMap<String, Vec<u8>>) ->
         .zip(dispositions(&record.findings, &record.asked))
         .map(|(finding, disposition)| section((finding, disposition), pictures, times))
         .collect();
-    sections.extend([happened::abraded(record), happened::motions(record), budget(record)]);
-    sections.extend(happened::asked(record));
+    sections.extend([cycle_events::abraded(record), cycle_events::motions(record), budget(record)]);
+    sections.extend(cycle_events::asked(record));
     sections.push(used(record));
     // Nothing was tested.
     let is_air_run = record.is_air_run();

@@ -1,8 +1,8 @@
 use super::*;
 use crate::cycle::{Id, Motion, Outcome, Path, Request};
 use crate::record::{
-    Answer, Budget, Contact, ContactPath, CycleId, Front, KeptFile, Limit, MotionRecord, Picture, Reached,
-    RequestRecord, SetBy, Wanted, Who,
+    Answer, Budget, Contact, ContactPath, CycleId, KeptFile, Limit, MotionRecord, Picture, Reached, RequestRecord,
+    RequestSource, RequestedAction, SetBy, Who,
 };
 
 fn finding(kind: Kind, pass: u8, numbers: Vec<Check>) -> Finding {
@@ -10,8 +10,8 @@ fn finding(kind: Kind, pass: u8, numbers: Vec<Check>) -> Finding {
     Finding::new(kind, pass, judgement).with(numbers)
 }
 
-fn asked(wanted: Wanted, answer: Option<Answer>) -> RequestRecord {
-    let who = Who { front: Front::Socket, uid: Some(1_000), user: Some("ada".to_owned()) };
+fn asked(wanted: RequestedAction, answer: Option<Answer>) -> RequestRecord {
+    let who = Who { front: RequestSource::Socket, uid: Some(1_000), user: Some("ada".to_owned()) };
     let reasons = match answer {
         Some(Answer::Refused) => vec![Reason::new("not_now", "it is not held")],
         _ => vec![],
@@ -53,11 +53,11 @@ fn record() -> CycleRecord {
             part,
             finding(Kind::Inspect, 1, watched(59.8)),
         ],
-        asked_before: vec![asked(Wanted::NewDisc, Some(Answer::Done))],
+        asked_before: vec![asked(RequestedAction::NewDisc, Some(Answer::Done))],
         asked: vec![
-            asked(Wanted::For(Request::Accept), Some(Answer::Refused)),
-            asked(Wanted::For(Request::Accept), Some(Answer::Done)),
-            RequestRecord { who: None, ..asked(Wanted::For(Request::Hold), None) },
+            asked(RequestedAction::For(Request::Accept), Some(Answer::Refused)),
+            asked(RequestedAction::For(Request::Accept), Some(Answer::Done)),
+            RequestRecord { who: None, ..asked(RequestedAction::For(Request::Hold), None) },
         ],
         clocks: [Some(Clock::Wall), Some(Clock::Wall)],
         recording: None,
@@ -230,7 +230,7 @@ fn the_page_of_an_air_run_releases_nothing() {
     let cycle = record();
     assert!(!cycle_page(&cycle, &BTreeMap::new()).html().contains("air-run"));
     let asked_for = CycleRecord {
-        asked: vec![asked(Wanted::For(Request::AirRun { max_moves: 3 }), Some(Answer::Done))],
+        asked: vec![asked(RequestedAction::For(Request::AirRun { max_moves: 3 }), Some(Answer::Done))],
         ..cycle.clone()
     };
     let mut flown = cycle.clone();
@@ -240,7 +240,7 @@ fn the_page_of_an_air_run_releases_nothing() {
         assert!(html.contains("cycle 7, air-run</h1>") && html.contains("neither tested nor abraded"), "{html}");
         assert!(!html.contains("<h2>Water, lamp and films</h2>"), "{html}");
     }
-    let refused = asked(Wanted::For(Request::AirRun { max_moves: 3 }), Some(Answer::Refused));
+    let refused = asked(RequestedAction::For(Request::AirRun { max_moves: 3 }), Some(Answer::Refused));
     let page = cycle_page(&CycleRecord { asked: vec![refused], ..cycle }, &BTreeMap::new());
     assert!(page.html().contains("<h2>Water, lamp and films</h2>"));
 }

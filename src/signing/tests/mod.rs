@@ -8,8 +8,8 @@ use super::*;
 use crate::cycle::{Motion, Outcome, Path, Request};
 use crate::files::content_hash;
 use crate::record::{
-    Answer, Budget, Check, CycleId, CycleRecord, Finding, Front, KeptFile, Kind, MotionRecord, PartNames, Picture,
-    RequestRecord, SetBy, Wanted, Who,
+    Answer, Budget, Check, CycleId, CycleRecord, Finding, KeptFile, Kind, MotionRecord, PartNames, Picture,
+    RequestRecord, RequestSource, RequestedAction, SetBy, Who,
 };
 use crate::verdict::{Judgement, Reason, Verdict};
 use serde_json::json;
@@ -140,8 +140,8 @@ fn a_pass_that_its_findings_forbid_is_refused() {
         record.judgement = Some(judged(Verdict::Pass, ""));
         record.asked.extend(accepted.map(|findings| RequestRecord {
             unix_ms: 1,
-            wanted: Wanted::For(Request::Accept),
-            who: Some(Who::by(Front::Socket)),
+            wanted: RequestedAction::For(Request::Accept),
+            who: Some(Who::by(RequestSource::Socket)),
             answer: Some(Answer::Done),
             reasons: vec![],
             findings: Some(findings),

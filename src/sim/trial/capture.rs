@@ -6,7 +6,7 @@ use super::marks::Marks;
 use crate::geometry::{Base, Camera, OrganizedCloud, Panel, Rigid};
 use crate::sim::appearance::dry_and_wet;
 use crate::sim::cast::{PixelHit, View};
-use crate::sim::clutter::Met;
+use crate::sim::distractors::Met;
 use crate::sim::fixture::Background;
 use crate::sim::noise::{LEVEL, Normal, Purpose, ValueNoise, to_bytes};
 use crate::sim::projector::Projector;
@@ -140,7 +140,7 @@ fn among(mut sight: PixelHit, met: &[Met]) -> (PixelHit, Option<f64>) {
 mod tests {
     use super::*;
     use crate::geometry::{Pixel, Point};
-    use crate::sim::clutter::Slab;
+    use crate::sim::distractors::Slab;
     use crate::sim::projector::tests::before_the_plate;
     use nalgebra::{Point3, Vector3};
 

@@ -1,7 +1,7 @@
 //! The contents of a trial's scene besides the panel.
 
 use super::marks::Marks;
-use crate::sim::clutter::Slab;
+use crate::sim::distractors::Slab;
 use crate::sim::noise::ValueNoise;
 
 /// The areas of the panel without points.

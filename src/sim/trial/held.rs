@@ -9,7 +9,7 @@ use super::contents::MissingPatches;
 use super::marks::Marks;
 use super::space::lattice;
 use crate::geometry::{Base, Panel, Pixel, Rigid};
-use crate::sim::clutter::Slab;
+use crate::sim::distractors::Slab;
 use crate::sim::noise::{Normal, Purpose, ValueNoise};
 use crate::sim::scanner::LATTICE_HALF_WIDTH_MM;
 use crate::sim::scene;

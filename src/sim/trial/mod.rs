@@ -6,21 +6,21 @@
 //! 30°. At most 20 % of the panel has no points: occluded, in shadow, or outside the field of view of the camera or
 //! the projector. Glints remove points and overexpose the picture.
 
+mod add_defect;
 mod bends;
 mod capture;
 mod contents;
 mod held;
 mod marks;
 mod placement;
+mod scene_defects;
 mod space;
-mod spoil;
-mod wrong;
 
+pub use scene_defects::Wrong;
 pub use space::TRIAL_BOX_MM;
-pub use wrong::Wrong;
 
 use super::cast::Rays;
-use super::clutter::Slab;
+use super::distractors::Slab;
 use super::noise::{PixelNoise, Seed};
 use super::scene;
 use super::shape::Shape;

@@ -2,10 +2,10 @@
 //! required visible share.
 
 use super::Trial;
+use super::scene_defects::Wrong;
 use super::space::{TRIAL_BOX_MM, lattice};
-use super::wrong::Wrong;
 use crate::geometry::{Base, Panel, Rigid};
-use crate::sim::clutter::Slab;
+use crate::sim::distractors::Slab;
 use crate::sim::projector::Projector;
 use crate::sim::scene;
 use crate::sim::shape::CENTRE_MM;

@@ -14,12 +14,12 @@ fn yes(name: &str) -> Vec<u8> {
     written(Some(name), None, Some(Wire::Boolean(true)))
 }
 
-fn send_command(node: &mut EdgeNode, payload: &[u8], ms: u64) -> Vec<Act> {
+fn send_command(node: &mut EdgeNode, payload: &[u8], ms: u64) -> Vec<NodeAction> {
     node.step(Event::Received { topic: "spBv1.0/G/NCMD/cell", payload, is_retained: false }, at(ms))
 }
 
-fn refusal(acts: &[Act]) -> String {
-    let [Act::Note(AuditNote { refused: Some(why), .. })] = acts else { panic!("{acts:?}") };
+fn refusal(acts: &[NodeAction]) -> String {
+    let [NodeAction::Note(AuditNote { refused: Some(why), .. })] = acts else { panic!("{acts:?}") };
     why.clone()
 }
 
@@ -30,7 +30,7 @@ fn allowed_commands_are_asked_for() {
         let (name, yes) = (command.name(), Some(Wire::Boolean(true)));
         for (name, alias) in [(Some(name), None), (None, Some(alias)), (Some(name), Some(alias))] {
             let acts = send_command(&mut born(true), &written(name, alias, yes.clone()), 1);
-            assert_eq!(acts, [Act::Ask { command, is_noted: true }]);
+            assert_eq!(acts, [NodeAction::Ask { command, is_noted: true }]);
         }
         let why = refusal(&send_command(&mut born(false), &self::yes(name), 1));
         assert!(why.contains("is not allowed here") && why.contains(name), "{why}");
@@ -49,7 +49,10 @@ fn a_rebirth_tells_everything_again_under_the_same_number() {
     let [(kind, birth)] = &published(&acts)[..] else { panic!("{acts:?}") };
     assert_eq!((kind.as_str(), birth.seq), ("NBIRTH", Some(0)));
     assert!(birth.metrics.iter().any(|one| one.value == Some(Wire::Text("held".to_owned()))));
-    assert!(matches!(&acts[1], Act::Note(AuditNote { what, refused: None, .. }) if what == "rebirth"), "{acts:?}");
+    assert!(
+        matches!(&acts[1], NodeAction::Note(AuditNote { what, refused: None, .. }) if what == "rebirth"),
+        "{acts:?}"
+    );
 
     // A second request immediately afterwards waits, and no data are sent before it.
     assert_eq!(send_command(&mut node, &yes("Node Control/Rebirth"), 30), []);
@@ -117,11 +120,11 @@ fn a_broker_that_lies_is_not_believed() {
 fn a_flood_is_bounded_and_swallows_no_stop() {
     let mut node = born(true);
     let (mut asked, mut notes) = (vec![], vec![]);
-    let mut keep = |acts: Vec<Act>, ms: u64| {
+    let mut keep = |acts: Vec<NodeAction>, ms: u64| {
         for act in acts {
             match act {
-                Act::Ask { command, .. } => asked.push((command, ms)),
-                Act::Note(note) => notes.push(note),
+                NodeAction::Ask { command, .. } => asked.push((command, ms)),
+                NodeAction::Note(note) => notes.push(note),
                 _ => {}
             }
         }
@@ -150,7 +153,7 @@ fn a_flood_is_bounded_and_swallows_no_stop() {
 fn what_waits_ends_with_the_connection() {
     for command in [NodeCommand::Hold, NodeCommand::Stop, NodeCommand::Abort] {
         let mut node = born(true);
-        let asked = |acts: &[Act]| acts.iter().filter(|act| matches!(act, Act::Ask { .. })).count();
+        let asked = |acts: &[NodeAction]| acts.iter().filter(|act| matches!(act, NodeAction::Ask { .. })).count();
         assert_eq!(asked(&send_command(&mut node, &yes(command.name()), 1)), 1);
         assert_eq!(asked(&send_command(&mut node, &yes(command.name()), 500)), 0, "it waits");
         node.step(Event::Lost, at(600));

@@ -36,9 +36,9 @@ fn shown(state: &str) -> Vec<Value> {
 }
 
 /// Returns the messages among some acts, each with the kind in its topic.
-fn published(acts: &[Act]) -> Vec<(String, Payload)> {
-    let message = |act: &Act| match act {
-        Act::Publish(message) => {
+fn published(acts: &[NodeAction]) -> Vec<(String, Payload)> {
+    let message = |act: &NodeAction| match act {
+        NodeAction::Publish(message) => {
             let kind = message.topic.split('/').nth(2).expect("a kind").to_owned();
             assert_eq!(message.qos, u8::from(kind == "NDEATH"), "{}", message.topic);
             Some((kind, Payload::decode(&*message.payload).expect("a payload")))
@@ -83,7 +83,7 @@ fn a_birth_has_everything() {
         node.step(Event::Connecting, at(0));
         node.step(Event::Subscribed, at(1));
         let acts = node.step(Event::Seen(shown("held")), at(2));
-        let [Act::Publish(message)] = &acts[..] else { panic!("{acts:?}") };
+        let [NodeAction::Publish(message)] = &acts[..] else { panic!("{acts:?}") };
         assert_eq!(message.topic, "spBv1.0/G/NBIRTH/cell");
         let (_, payload) = &published(&acts)[0];
         assert_eq!((payload.seq, payload.timestamp), (Some(0), Some(at(2).unix_ms)));
@@ -171,16 +171,16 @@ fn numbers_count_on() {
 fn it_leaves_with_its_death() {
     let mut node = born(false);
     let acts = node.step(Event::Leaving, at(5));
-    assert_eq!(acts.last(), Some(&Act::Disconnect));
+    assert_eq!(acts.last(), Some(&NodeAction::Disconnect));
     let [(kind, payload)] = &published(&acts)[..] else { panic!("{acts:?}") };
     assert_eq!((kind.as_str(), payload.seq), ("NDEATH", None));
     assert_eq!(metric(payload, "bdSeq").value, Some(Wire::Long(0)));
     let mut unborn = self::node(None, false, true);
     unborn.step(Event::Connecting, at(0));
-    assert_eq!(unborn.step(Event::Leaving, at(1)), [Act::Disconnect], "what was never born does not die");
+    assert_eq!(unborn.step(Event::Leaving, at(1)), [NodeAction::Disconnect], "what was never born does not die");
 }
 
-fn host_says(node: &mut EdgeNode, text: &str, ms: u64) -> Vec<Act> {
+fn host_says(node: &mut EdgeNode, text: &str, ms: u64) -> Vec<NodeAction> {
     let payload = text.as_bytes();
     node.step(Event::Received { topic: "spBv1.0/STATE/scada", payload, is_retained: true }, at(ms))
 }
@@ -207,7 +207,7 @@ fn the_primary_host_is_waited_for() {
     assert_eq!(host_says(&mut node, r#"{"online":false,"timestamp":99}"#, 5), [], "of an earlier connection");
     assert!(node.is_born());
     let acts = host_says(&mut node, r#"{"online":false,"timestamp":100}"#, 6);
-    assert_eq!((published(&acts)[0].0.as_str(), acts.last()), ("NDEATH", Some(&Act::Disconnect)));
+    assert_eq!((published(&acts)[0].0.as_str(), acts.last()), ("NDEATH", Some(&NodeAction::Disconnect)));
     assert_eq!(node.step(Event::Seen(shown("held")), at(7)), []);
     node.step(Event::Lost, at(8));
 
@@ -230,7 +230,7 @@ fn what_no_host_says_is_refused() {
         node.step(Event::Subscribed, at(0));
         node.step(Event::Seen(shown("idle")), at(0));
         let acts = host_says(&mut node, text, 1);
-        let [Act::Note(note)] = &acts[..] else { panic!("{acts:?}") };
+        let [NodeAction::Note(note)] = &acts[..] else { panic!("{acts:?}") };
         assert!(note.refused.as_ref().is_some_and(|why| why.contains("\"timestamp\"")), "{note:?}");
     }
 }

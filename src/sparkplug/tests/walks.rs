@@ -142,7 +142,7 @@ proptest! {
                 // Data are retained only by a rebirth that waits for its time.
                 prop_assert!(!lags || node.waits_for_rebirth());
             }
-            if ends || acts.contains(&Act::Disconnect) {
+            if ends || acts.contains(&NodeAction::Disconnect) {
                 (connected, host.born) = (false, false);
             }
         }

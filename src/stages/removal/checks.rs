@@ -2,12 +2,12 @@
 
 use super::super::survey::ToolState;
 use super::feeds::AtBounds;
+use crate::number_text::{apart, fixed};
 use crate::recipe::{self, Recipe, RemovalMethod};
 use crate::record::name;
 use crate::removal::figures::Figures;
 use crate::removal::model::{FORCE_RANGE, Model, UNKNOWN};
 use crate::verdict::{Check, Limit, SetBy, Severity};
-use crate::words::{apart, fixed};
 use serde::{Deserialize, Serialize};
 
 /// Removal by earlier cycles on the same part.

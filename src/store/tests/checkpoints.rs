@@ -22,7 +22,7 @@ fn a_checkpoint_folds_as_the_whole_journal() {
     drop(store);
     let mut store = Store::create(&path).expect("opens");
     assert_eq!(store.recover().expect("recovers"), whole);
-    store.append(&Event::Told(Report::Boot), None).expect("written");
+    store.append(&Event::Reported(Report::Boot), None).expect("written");
     let folded = store.state().expect("known");
     assert_eq!(folded, crate::cycle::fold(store.journal().expect("whole")));
 }

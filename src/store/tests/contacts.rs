@@ -14,7 +14,7 @@ fn path() -> ContactPath {
 }
 
 fn report_progress(store: &mut Store, cycle: CycleId, done: u32) {
-    store.append(&Event::Told(Report::Progress { id: Id(9), done }), Some(cycle)).expect("written");
+    store.append(&Event::Reported(Report::Progress { id: Id(9), done }), Some(cycle)).expect("written");
 }
 
 fn earlier(cycle: CycleId, grid: &str, is_sure: bool) -> EarlierPass {

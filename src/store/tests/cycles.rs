@@ -2,7 +2,9 @@
 
 use super::*;
 use crate::cycle::{Event, Motion, Outcome, Path as MotionPath, Request};
-use crate::record::{Budget, Check, CycleId, Finding, KeptFile, Kind, Limit, MotionRecord, Picture, SetBy, Wanted};
+use crate::record::{
+    Budget, Check, CycleId, Finding, KeptFile, Kind, Limit, MotionRecord, Picture, RequestedAction, SetBy,
+};
 use crate::verdict::{Judgement, Reason, Verdict};
 use std::collections::BTreeMap;
 
@@ -66,7 +68,7 @@ fn a_cycle_comes_back_whole_and_to_the_bit() {
     assert_eq!(record.motions, [MotionRecord { motion, outcome: Some(Outcome::Held), done: 17, contact: None }]);
     assert_eq!((record.budget, record.events), (Some(budget), 1));
     let asked: Vec<_> = record.asked.iter().map(|asked| (asked.wanted.clone(), asked.answer)).collect();
-    let hold = Wanted::For(Request::Hold);
+    let hold = RequestedAction::For(Request::Hold);
     assert_eq!(asked, [(hold, None)], "in this cycle, not before or after it; its answer was not kept");
     let judgement = record.judgement.expect("over");
     let codes: Vec<&str> = judgement.reasons.iter().map(|reason| &*reason.code).collect();

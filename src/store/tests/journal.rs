@@ -2,25 +2,27 @@
 
 use super::*;
 use crate::cycle::{
-    self, Act, Answer, At, Cause, Effect, Event, Film, Grade, Id, Outcome, Report, Request, Robot, State, step,
+    self, Action, Answer, At, Cause, Effect, Event, Film, Grade, Id, Outcome, Report, Request, Robot, State, step,
 };
 use crate::record::CycleId;
 use proptest::prelude::*;
 
 pub fn progress(done: u32) -> Event {
-    Event::Told(Report::Progress { id: Id(u64::MAX - 1), done })
+    Event::Reported(Report::Progress { id: Id(u64::MAX - 1), done })
 }
 
 /// Returns the answers of a healthy cell; every second film is broken.
-pub fn answer(act: Act, film: u32) -> Answer {
+pub fn answer(act: Action, film: u32) -> Answer {
     match act {
-        Act::Stand | Act::EndEpoch { .. } => Answer::Stands { done: 0 },
-        Act::OpenEpoch { above } => Answer::Epoch(above + 1),
-        Act::Move(motion) => Answer::Stands { done: motion.waypoints },
-        Act::Locate | Act::Refine { .. } | Act::Verify { .. } | Act::Assess => Answer::Graded(Grade::Accept),
-        Act::Film => Answer::Filmed(if film.is_multiple_of(2) { Film::Broken } else { Film::Whole }),
-        Act::Plan { .. } => Answer::Planned { plan: 77, waypoints: 9 },
-        Act::SelfTest | Act::SetFrames(_) | Act::Switch(_) | Act::DryPicture => Answer::Done,
+        Action::CheckStandstill | Action::EndEpoch { .. } => Answer::Standstill { done: 0 },
+        Action::OpenEpoch { above } => Answer::Epoch(above + 1),
+        Action::Move(motion) => Answer::Standstill { done: motion.waypoints },
+        Action::Locate | Action::Refine { .. } | Action::Verify { .. } | Action::Assess => {
+            Answer::Graded(Grade::Accept)
+        }
+        Action::Film => Answer::Filmed(if film.is_multiple_of(2) { Film::Broken } else { Film::Whole }),
+        Action::Plan { .. } => Answer::Planned { plan: 77, waypoints: 9 },
+        Action::SelfTest | Action::SetFrames(_) | Action::Switch(_) | Action::DryPicture => Answer::Done,
     }
 }
 
@@ -38,16 +40,16 @@ impl Walk {
 
     fn likely(&mut self) -> Event {
         match (self.state.due, self.state.at) {
-            _ if self.state.facts.robot != Robot::Ready => Event::Told(Report::Robot(Robot::Ready)),
+            _ if self.state.facts.robot != Robot::Ready => Event::Reported(Report::Robot(Robot::Ready)),
             (Some(due), _) => {
-                self.films += u32::from(due.act == Act::Film);
-                Event::Told(Report::Answered { id: due.id, answer: answer(due.act, self.films) })
+                self.films += u32::from(due.act == Action::Film);
+                Event::Reported(Report::Answered { id: due.id, answer: answer(due.act, self.films) })
             }
             (None, At::Stopped | At::Complete { .. }) => Event::Asked(Request::Reset),
             (None, At::Idle) => Event::Asked(Request::Start { max_passes: 2, max_moves: 3, dries: false }),
             (None, At::Held(_)) => Event::Asked(Request::Unhold { dried: true }),
             (None, At::Aborted { .. }) => Event::Asked(Request::Clear),
-            _ => self.armed.pop().unwrap_or(Event::Told(Report::Boot)),
+            _ => self.armed.pop().unwrap_or(Event::Reported(Report::Boot)),
         }
     }
 
@@ -56,8 +58,8 @@ impl Walk {
             0 => Event::Asked(Request::Hold),
             1 => Event::Asked(Request::Stop),
             2 => Event::Asked(Request::Abort),
-            3 => Event::Told(Report::Robot(Robot::LinkLost)),
-            4 => Event::Told(Report::Boot),
+            3 => Event::Reported(Report::Robot(Robot::LinkLost)),
+            4 => Event::Reported(Report::Boot),
             _ => self.likely(),
         }
     }
@@ -69,7 +71,7 @@ impl Walk {
         let armed = effects.iter().filter_map(|effect| match *effect {
             Effect::Arm { id, deadline: which @ (cycle::Deadline::Rinse | cycle::Deadline::Spray) }
             | Effect::Arm { id, deadline: which @ (cycle::Deadline::Settle | cycle::Deadline::Drain) } => {
-                Some(Event::Told(Report::Deadline { id, which }))
+                Some(Event::Reported(Report::Deadline { id, which }))
             }
             _ => None,
         });
@@ -172,7 +174,7 @@ fn an_open_motion_is_aborted_after_a_restart_until_a_person_clears_it() {
     // The next process: boot, robot ready, clear, and the robot reports standstill.
     let mut cell = Loop { running: store.open_cycles().expect("read").first().copied(), store };
     let mut walk = Walk { state: cycle::fold(cell.store.journal().expect("read")), ..Walk::new() };
-    let mut event = Event::Told(Report::Boot);
+    let mut event = Event::Reported(Report::Boot);
     for _ in 0..20 {
         cell.append(&event, walk.state.at);
         walk.step(event).iter().for_each(|effect| cell.perform(effect));

@@ -19,7 +19,7 @@ fn a_change_that_a_small_command_finds_waits_for_a_person_too() {
     drop(Store::create(&path).expect("opens"));
     let before = fs::read(path.join(DATABASE)).expect("the database");
     let mut store = Store::create(&path).expect("opens");
-    store.append(&Event::Told(Report::Boot), None).expect("written");
+    store.append(&Event::Reported(Report::Boot), None).expect("written");
     drop(store);
     fs::write(path.join(DATABASE), before).expect("rolled back");
     drop(Store::for_people(&path).expect("opens"));
@@ -64,8 +64,8 @@ fn a_store_without_its_log_starts_in_aborted_until_a_person_clears_it() {
     let waits = Store::verify(&lost, false).expect("verified");
     assert!(waits.found.iter().any(|words| words.contains("rolled back")), "{waits:?}");
     for event in [
-        Event::Told(Report::Boot),
-        Event::Told(Report::Robot(crate::cycle::Robot::Ready)),
+        Event::Reported(Report::Boot),
+        Event::Reported(Report::Robot(crate::cycle::Robot::Ready)),
         Event::Asked(Request::Clear),
     ] {
         store.append(&event, None).expect("written");
@@ -74,7 +74,7 @@ fn a_store_without_its_log_starts_in_aborted_until_a_person_clears_it() {
         let state = store.state().expect("known");
         let Some(due) = state.due else { break };
         let answer = super::journal::answer(due.act, 0);
-        store.append(&Event::Told(Report::Answered { id: due.id, answer }), None).expect("written");
+        store.append(&Event::Reported(Report::Answered { id: due.id, answer }), None).expect("written");
     }
     assert_eq!(store.recover().expect("recovers").at, At::Stopped);
     drop(store);

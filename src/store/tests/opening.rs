@@ -47,7 +47,7 @@ fn a_store_of_the_first_schema_keeps_its_panels_and_gets_the_new_tables() {
     let store = Store::create(&path).expect("the same store");
     assert_eq!(store.taught("wing", Some(&version)).expect("there").teaching, teaching("wing"));
     // Rows from before the chain were not written by it.
-    assert_eq!(store.journal().expect("a journal"), [Event::Told(Report::StoreChanged)]);
+    assert_eq!(store.journal().expect("a journal"), [Event::Reported(Report::StoreChanged)]);
     let found: i64 =
         store.connection.pragma_query_value(None, "user_version", |row| row.get(0)).expect("a version");
     assert_eq!(found, 9);

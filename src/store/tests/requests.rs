@@ -2,11 +2,11 @@
 
 use super::*;
 use crate::cycle::{Event, Request};
-use crate::record::{Answer, CycleId, Front, RequestRecord, Wanted, Who};
+use crate::record::{Answer, CycleId, RequestRecord, RequestSource, RequestedAction, Who};
 use crate::verdict::{Reason, Verdict};
 
-fn asked(wanted: Wanted, answer: Answer) -> RequestRecord {
-    let who = Who { front: Front::Socket, uid: Some(1_000), user: Some("ada".to_owned()) };
+fn asked(wanted: RequestedAction, answer: Answer) -> RequestRecord {
+    let who = Who { front: RequestSource::Socket, uid: Some(1_000), user: Some("ada".to_owned()) };
     let reasons = match answer {
         Answer::Done => vec![],
         _ => vec![Reason::new("not_now", "not in this state")],
@@ -16,10 +16,10 @@ fn asked(wanted: Wanted, answer: Answer) -> RequestRecord {
 
 fn ask(store: &mut Store, request: Request, cycle: Option<CycleId>, answer: Answer) {
     let line = store.append(&Event::Asked(request), cycle).expect("written");
-    store.keep_request(&asked(Wanted::For(request), answer), cycle, Some(line)).expect("kept");
+    store.keep_request(&asked(RequestedAction::For(request), answer), cycle, Some(line)).expect("kept");
 }
 
-fn words(asked: &[RequestRecord]) -> Vec<(Wanted, Option<Answer>)> {
+fn words(asked: &[RequestRecord]) -> Vec<(RequestedAction, Option<Answer>)> {
     asked.iter().map(|asked| (asked.wanted.clone(), asked.answer)).collect()
 }
 
@@ -32,38 +32,42 @@ fn requests_stand_where_they_were_asked_with_their_answers() {
     ask(&mut store, Request::Start { max_passes: 2, max_moves: 3, dries: false }, Some(one), Answer::Done);
     store.conclude(one, Verdict::Pass, &[]).expect("concluded");
     ask(&mut store, Request::Clear, None, Answer::Refused);
-    store.keep_request(&asked(Wanted::NewDisc, Answer::Done), None, None).expect("kept");
+    store.keep_request(&asked(RequestedAction::NewDisc, Answer::Done), None, None).expect("kept");
     let two = store.begin_cycle(&super::cycles::start()).expect("begun");
     ask(&mut store, Request::Start { max_passes: 2, max_moves: 3, dries: false }, Some(two), Answer::Done);
     ask(&mut store, Request::Accept, Some(two), Answer::Refused);
     store.append(&Event::Asked(Request::Hold), Some(two)).expect("written");
-    store.keep_request(&asked(Wanted::NewDisc, Answer::Refused), Some(two), None).expect("kept");
+    store.keep_request(&asked(RequestedAction::NewDisc, Answer::Refused), Some(two), None).expect("kept");
     drop(store);
 
     let store = Store::open(&folder.path().join("store")).expect("for reading");
     let (first, second) = (store.cycle(one).expect("there"), store.cycle(two).expect("there"));
-    let start = Wanted::For(Request::Start { max_passes: 2, max_moves: 3, dries: false });
+    let start = RequestedAction::For(Request::Start { max_passes: 2, max_moves: 3, dries: false });
     assert_eq!(words(&first.asked), [(start.clone(), Some(Answer::Done))]);
     assert_eq!(words(&first.asked_before), []);
-    let between = [(Wanted::For(Request::Clear), Some(Answer::Refused)), (Wanted::NewDisc, Some(Answer::Done))];
+    let between = [
+        (RequestedAction::For(Request::Clear), Some(Answer::Refused)),
+        (RequestedAction::NewDisc, Some(Answer::Done)),
+    ];
     assert_eq!(words(&second.asked_before), between);
     let mut during = words(&second.asked);
-    assert!(during.contains(&(Wanted::For(Request::Hold), None)), "its answer is not known: {during:?}");
-    during.retain(|(wanted, _)| *wanted != Wanted::For(Request::Hold));
+    assert!(during.contains(&(RequestedAction::For(Request::Hold), None)), "its answer is not known: {during:?}");
+    during.retain(|(wanted, _)| *wanted != RequestedAction::For(Request::Hold));
     assert_eq!(
         during,
         [
             (start, Some(Answer::Done)),
-            (Wanted::For(Request::Accept), Some(Answer::Refused)),
-            (Wanted::NewDisc, Some(Answer::Refused))
+            (RequestedAction::For(Request::Accept), Some(Answer::Refused)),
+            (RequestedAction::NewDisc, Some(Answer::Refused))
         ]
     );
-    let accept = &second.asked.iter().find(|asked| asked.wanted == Wanted::For(Request::Accept)).expect("there");
+    let accept =
+        &second.asked.iter().find(|asked| asked.wanted == RequestedAction::For(Request::Accept)).expect("there");
     assert_eq!(accept.who.as_ref().and_then(|who| who.user.as_deref()), Some("ada"));
     assert!(accept.unix_ms > 1_700_000_000_000 && accept.reasons[0].code == "not_now");
     let mut reader = store;
     assert!(matches!(
-        reader.keep_request(&asked(Wanted::NewDisc, Answer::Done), None, None),
+        reader.keep_request(&asked(RequestedAction::NewDisc, Answer::Done), None, None),
         Err(StoreError::ReadOnly { .. })
     ));
 }

@@ -4,7 +4,7 @@
 use super::*;
 use crate::cycle::{Motion, Path as MotionPath, Request};
 use crate::history::{Acknowledgement, End, Hits, Query};
-use crate::record::{Answer, CycleId, Finding, Kind, PartNames, RequestRecord, Wanted};
+use crate::record::{Answer, CycleId, Finding, Kind, PartNames, RequestRecord, RequestedAction};
 use crate::verdict::{Judgement, Reason, Verdict};
 
 fn part(serial: &str, order: &str, operator: &str) -> PartNames {
@@ -230,7 +230,7 @@ fn an_alarm_lasts_until_the_cell_is_reset_or_the_next_cycle_begins() {
     assert_eq!(gone(&store), Some(1_030_000));
     let reset = RequestRecord {
         unix_ms: 0,
-        wanted: Wanted::For(Request::Reset),
+        wanted: RequestedAction::For(Request::Reset),
         who: None,
         answer: Some(Answer::Done),
         reasons: vec![],

@@ -3,7 +3,7 @@
 
 use super::liar::Liar;
 use super::lie::{Kind, Moment, Scenario};
-use super::person::{Look, NO_BREAK, ONE_BREAK, POLL_INTERVAL, Person};
+use super::person::{NO_BREAK, ONE_BREAK, POLL_INTERVAL, Person, ServiceState};
 use super::proxy::Proxy;
 use super::truth::{Truth, WATER};
 use std::thread;
@@ -133,7 +133,7 @@ impl Course<'_> {
     }
 }
 
-fn is_reached(moment: Moment, (truth, scenario): (&Truth, &Scenario), look: &Look) -> bool {
+fn is_reached(moment: Moment, (truth, scenario): (&Truth, &Scenario), look: &ServiceState) -> bool {
     let moves = truth.last().is_some_and(|state| state.moving());
     let is_wet = truth.last().is_some_and(|state| state.is_on(WATER));
     let wants_water = scenario.number % 2 == 0;

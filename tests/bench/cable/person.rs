@@ -51,14 +51,14 @@ pub struct Person<'c> {
 }
 
 /// The service's report of its own state.
-pub struct Look {
+pub struct ServiceState {
     pub word: String,
     pub phase: String,
     step: Option<u64>,
     text: String,
 }
 
-impl Look {
+impl ServiceState {
     pub fn rests(&self) -> bool {
         matches!(&*self.word, "idle" | "stopped" | "aborted" | "complete" | "held")
     }
@@ -70,7 +70,7 @@ impl<'c> Person<'c> {
         Person { cell, truth, orders, cycles, started: 0, refusal: String::new() }
     }
 
-    pub fn look(&mut self) -> Result<Look, String> {
+    pub fn look(&mut self) -> Result<ServiceState, String> {
         let answer = ask(&self.cell.socket(), "{\"ask\":\"state\"}\n");
         let state = answer.map_err(|error| format!("the socket does not answer: {error}"))?;
         let text = |name: &str| state[name].as_str().unwrap_or_default().to_owned();
@@ -84,7 +84,7 @@ impl<'c> Person<'c> {
                 cycle.verdict = Some(verdict.to_owned());
             }
         }
-        Ok(Look { word, phase, step: state["step"].as_u64(), text: state["reasons"].to_string() })
+        Ok(ServiceState { word, phase, step: state["step"].as_u64(), text: state["reasons"].to_string() })
     }
 
     fn order(&mut self, what: &Value) -> Result<bool, String> {
@@ -119,7 +119,7 @@ impl<'c> Person<'c> {
     }
 
     /// Looks until this holds; returns false if it takes too long.
-    pub fn until(&mut self, patience: Duration, holds: impl Fn(&Look) -> bool) -> Result<bool, String> {
+    pub fn until(&mut self, patience: Duration, holds: impl Fn(&ServiceState) -> bool) -> Result<bool, String> {
         let since = Instant::now();
         while since.elapsed() < patience {
             let look = self.look()?;

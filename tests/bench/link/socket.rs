@@ -5,10 +5,10 @@ use super::peer::Peer;
 use crate::clients::harass;
 use panelprep::cell::{self, Cell};
 use panelprep::daemon::{
-    self, Alarms, CellSetup, Computing, DaemonError, Equipment, Examined, FrontParts, Gateway, LastWrittenPage,
-    LinkedRobot, LiveView, LoopStart, NoCameras, OperatorPage, PageParts, People, Port, Ports, RecipeText,
-    RecordAnswer, RecordCommand, RecordError, RecordPdf, RecordSource, RecordingSwitch, Request, RequestHandler,
-    RequestSender, ServiceParts, SetupSource, Socket, StoreRecord,
+    self, Alarms, CellSetup, Computing, DaemonError, Equipment, Examined, Gateway, InterfaceContext,
+    LastWrittenPage, LinkedRobot, LiveView, LoopStart, NoCameras, OperatorPage, PageParts, People, Port, Ports,
+    RecipeText, RecordAnswer, RecordCommand, RecordError, RecordPdf, RecordSource, RecordingSwitch, Request,
+    RequestHandler, RequestSender, ServiceParts, SetupSource, Socket, StoreRecord,
 };
 use panelprep::devices::robot::{Address, BlockingLink, link_limits};
 use panelprep::eki::Pace;
@@ -272,7 +272,7 @@ pub fn aborts_on_the_page(trials: usize, viewers: usize) -> Vec<Duration> {
     let people = Arc::new(People::new(folder.clone()));
     let alarms = Arc::new(Alarms::new(people.clone()));
     let view = LiveView::default();
-    let front = FrontParts { gateway, people, alarms, setup };
+    let front = InterfaceContext { gateway, people, alarms, setup };
     let parts = PageParts { page, folder, front, view, records };
     let page = OperatorPage::serve(parts).expect("served").expect("an address");
     let address = page.url.trim_start_matches("http://").trim_end_matches('/').to_owned();

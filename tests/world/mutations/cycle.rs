@@ -5,7 +5,7 @@ use super::{Mutation, change};
 const EXECUTE: &str = "src/cycle/execute.rs";
 const FACTS: &str = "src/cycle/facts.rs";
 const INTERLOCKS: &str = "src/cycle/interlocks.rs";
-const REST: &str = "src/cycle/rest.rs";
+const REST: &str = "src/cycle/restart.rs";
 const STEP: &str = "src/cycle/step.rs";
 const TURN: &str = "src/cycle/turn.rs";
 
@@ -60,8 +60,8 @@ pub(super) const ALL: [Mutation; 18] = [
     change(
         "a 3D shot does not ask for the light to be off",
         INTERLOCKS,
-        "Act::Locate => vec![dry_air, parked, dark, clear],",
-        "Act::Locate => vec![dry_air, parked, clear],",
+        "Action::Locate => vec![dry_air, parked, dark, clear],",
+        "Action::Locate => vec![dry_air, parked, clear],",
     ),
     change(
         "what is known of the cell outlives a robot that is not ready",

@@ -2,14 +2,14 @@
 
 use super::{Mutation, change};
 
-const ACTS: &str = "src/daemon/acts.rs";
+const ACTS: &str = "src/daemon/actions.rs";
 const CONTACTS: &str = "src/daemon/contacts.rs";
 const HANDLER: &str = "src/daemon/request_handler.rs";
 const JUDGEMENT: &str = "src/verdict/judgement.rs";
 const MOVES: &str = "src/daemon/moves.rs";
 const REPORTS: &str = "src/daemon/robot_reports.rs";
 const RUN: &str = "src/daemon/run.rs";
-const SENT: &str = "src/daemon/sent.rs";
+const SENT: &str = "src/daemon/path_progress.rs";
 
 pub(super) const ALL: [Mutation; 16] = [
     change(
@@ -27,8 +27,8 @@ pub(super) const ALL: [Mutation; 16] = [
     change(
         "the end of a path is not waited for until the arm stands",
         ACTS,
-        "Waits::PathEnd if stands => self.path_end(id, act, state)?,",
-        "Waits::PathEnd => self.path_end(id, act, state)?,",
+        "Condition::PathEnd if stands => self.path_end(id, act, state)?,",
+        "Condition::PathEnd => self.path_end(id, act, state)?,",
     )
     .not_found(
         "the controller counts a path's last point where the arm stands; that it moves can only be older news",
@@ -36,8 +36,8 @@ pub(super) const ALL: [Mutation; 16] = [
     change(
         "a switch is taken for done before output and feedback say so",
         ACTS,
-        "Waits::Feedback { last, proof } if state.done >= last && proof.is_told(state) => {",
-        "Waits::Feedback { last, proof } if state.done >= last && (proof.is_told(state) || state.done >= last) => {",
+        "Condition::Feedback { last, proof } if state.done >= last && proof.is_told(state) => {",
+        "Condition::Feedback { last, proof } if state.done >= last && (proof.is_told(state) || state.done >= last) => {",
     ),
     change("what was proven is not watched in contact", REPORTS, "self.watch_outputs(state)?;", ""),
     change(

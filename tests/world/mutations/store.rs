@@ -109,7 +109,7 @@ pub(super) const ALL: [Mutation; 18] = [
     change(
         "a restored store asks no person",
         OUTBOX,
-        "self.append(&Event::Told(Report::StoreRestored), None)?;",
+        "self.append(&Event::Reported(Report::StoreRestored), None)?;",
         "",
     ),
     change("after a restore numbers of cycles are used again", OUTBOX, "own.max(replaced)", "own.min(replaced)"),

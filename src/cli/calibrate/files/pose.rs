@@ -3,7 +3,7 @@
 use crate::config::{Section, Setting};
 use crate::files::ReportedFlange;
 use crate::geometry::{Base, Flange, KukaPose, Rigid};
-use crate::words::apart;
+use crate::number_text::apart;
 use toml::de::DeValue;
 
 pub(super) const PLACE_MM: std::ops::RangeInclusive<f64> = -20_000.0..=20_000.0;

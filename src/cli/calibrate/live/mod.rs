@@ -8,14 +8,14 @@
 //!
 //! - `looking`: one picture of the target of a verification · `touching`: poses in which the tip touches something
 
-mod looking;
+mod interim;
 mod moving;
 mod session;
-mod so_far;
+mod target_picture;
 mod touching;
 mod view;
 
-pub use looking::look;
+pub use target_picture::look;
 pub use touching::{tool, touch};
 
 use super::super::args::Common;
@@ -31,8 +31,8 @@ use super::{hand_eye, intrinsics};
 use crate::calib::CalibError;
 use crate::calib::hand_eye::MIN_STATIONS;
 use crate::devices::cameras::BoardView;
+use interim::{say_lens, say_mount};
 use session::{Choice, Session};
-use so_far::{say_lens, say_mount};
 use std::path::PathBuf;
 use view::View;
 

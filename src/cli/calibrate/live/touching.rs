@@ -14,7 +14,7 @@ use super::super::target::Target;
 use super::super::{pose_keys, tcp, verify};
 use crate::files::ReportedFlange;
 use crate::geometry::{Base, Flange, Point};
-use crate::words::fixed;
+use crate::number_text::fixed;
 use std::path::Path;
 
 /// Number of poses with which a tool's tip is computed for the first time.

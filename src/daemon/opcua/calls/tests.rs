@@ -3,7 +3,7 @@
 use super::*;
 use crate::accounts::Role;
 use crate::cell::Anonymous;
-use crate::daemon::front_parts::FrontParts;
+use crate::daemon::interface_context::InterfaceContext;
 use crate::daemon::people::People;
 use crate::daemon::request::Request as CellRequest;
 use crate::daemon::request_queue::request_queue;
@@ -94,7 +94,12 @@ impl Cell {
         let access = Arc::new(Access::new(people.clone(), Arc::default(), Anonymous::Read));
         let calls = Calls::new(
             access,
-            FrontParts { gateway: Gateway::new(sender, loader, None), people, alarms, setup: Arc::new(Source) },
+            InterfaceContext {
+                gateway: Gateway::new(sender, loader, None),
+                people,
+                alarms,
+                setup: Arc::new(Source),
+            },
         );
         Cell { calls, asked, refuses, _folder: folder }
     }

@@ -2,12 +2,12 @@
 
 use super::recordable::{Recordable, RecordedAnswer, value};
 use crate::cycle;
-use crate::daemon::ports::{News, RequestAnswer, RequestCommand};
+use crate::daemon::ports::{LoopEvent, RequestAnswer, RequestCommand};
 use crate::daemon::replay::queue::Recorder;
 use crate::daemon::replay::switch::RecordingSwitch;
-use crate::daemon::request::{Request, What};
+use crate::daemon::request::{Request, RequestKind};
 use crate::eki::Time;
-use crate::record::{Front, Who};
+use crate::record::{RequestSource, Who};
 use crate::tape::Topic;
 use serde_json::{Value, json};
 
@@ -16,50 +16,50 @@ impl Recordable for RequestCommand {
         Some(match self {
             RequestCommand::Next(_) => (Topic::Request, Value::Null),
             RequestCommand::LetsIn(_) => (Topic::Result, Value::Null),
-            RequestCommand::Tell(News::Refused(request, refusal)) => {
+            RequestCommand::Publish(LoopEvent::Refused(request, refusal)) => {
                 (Topic::Request, json!({ "refused": [request, refusal] }))
             }
-            RequestCommand::Tell(News::Unable(reasons)) => (Topic::Request, json!({ "unable": reasons })),
-            RequestCommand::Tell(News::NotPermitted(reasons)) => {
+            RequestCommand::Publish(LoopEvent::Unable(reasons)) => (Topic::Request, json!({ "unable": reasons })),
+            RequestCommand::Publish(LoopEvent::NotPermitted(reasons)) => {
                 (Topic::Request, json!({ "not_permitted": reasons }))
             }
-            RequestCommand::Tell(_) => return None,
+            RequestCommand::Publish(_) => return None,
         })
     }
 
     fn recorded_answer(answer: &RequestAnswer, _: &Recorder) -> Option<RecordedAnswer> {
         match answer {
             RequestAnswer::Next(Ok(Some(Request { what, .. }))) => value(match what {
-                What::Table(request) => json!({ "for": request }),
+                RequestKind::Table(request) => json!({ "for": request }),
                 // A request that the table refuses is a request like any other; one that it accepts begins a
                 // recording of its own.
-                What::Begin(prepared) => json!({ "for": prepared.request }),
-                What::NewDisc => json!("new_disc"),
-                What::Leave => json!("leave"),
-                What::Unprepared { .. }
-                | What::Outdated { .. }
-                | What::Decided { .. }
-                | What::State
-                | What::Start(_)
-                | What::Shoot(_) => return None,
+                RequestKind::Begin(prepared) => json!({ "for": prepared.request }),
+                RequestKind::NewDisc => json!("new_disc"),
+                RequestKind::Leave => json!("leave"),
+                RequestKind::Unprepared { .. }
+                | RequestKind::Outdated { .. }
+                | RequestKind::Decided { .. }
+                | RequestKind::State
+                | RequestKind::Start(_)
+                | RequestKind::Shoot(_) => return None,
             }),
             RequestAnswer::Next(_) | RequestAnswer::LetsIn(None) => None,
             RequestAnswer::LetsIn(Some(result)) => value(json!(result)),
-            RequestAnswer::Told => value(Value::Null),
+            RequestAnswer::Done => value(Value::Null),
         }
     }
 
     fn answer(&self, heard: RecordedAnswer) -> Result<RequestAnswer, serde_json::Error> {
         Ok(match self {
             RequestCommand::LetsIn(result) => RequestAnswer::LetsIn(Some(*result)),
-            RequestCommand::Tell(_) => RequestAnswer::Told,
+            RequestCommand::Publish(_) => RequestAnswer::Done,
             RequestCommand::Next(_) => {
                 let what = match heard.value {
-                    Value::String(word) if word == "leave" => What::Leave,
-                    Value::String(word) if word == "new_disc" => What::NewDisc,
+                    Value::String(word) if word == "leave" => RequestKind::Leave,
+                    Value::String(word) if word == "new_disc" => RequestKind::NewDisc,
                     mut asked => {
                         let request = asked.get_mut("for").map(Value::take).unwrap_or_default();
-                        What::Table(serde_json::from_value(request)?)
+                        RequestKind::Table(serde_json::from_value(request)?)
                     }
                 };
                 next(what)
@@ -70,10 +70,10 @@ impl Recordable for RequestCommand {
     fn otherwise(&self, _: Time, has_parted: bool) -> RequestAnswer {
         match self {
             // The player's record refuses this request, and so ends the loop.
-            RequestCommand::Next(_) if has_parted => next(What::Table(cycle::Request::Abort)),
+            RequestCommand::Next(_) if has_parted => next(RequestKind::Table(cycle::Request::Abort)),
             RequestCommand::Next(_) => RequestAnswer::Next(Ok(None)),
             RequestCommand::LetsIn(_) => RequestAnswer::LetsIn(None),
-            RequestCommand::Tell(_) => RequestAnswer::Told,
+            RequestCommand::Publish(_) => RequestAnswer::Done,
         }
     }
 
@@ -87,18 +87,18 @@ impl Recordable for RequestCommand {
     fn before(&self, switch: &RecordingSwitch) {
         match self {
             RequestCommand::Next(state) => switch.listens(state),
-            RequestCommand::Tell(News::Begun(cycle, before)) => switch.begins(*cycle, before.clone()),
+            RequestCommand::Publish(LoopEvent::Begun(cycle, before)) => switch.begins(*cycle, before.clone()),
             _ => {}
         }
     }
 
     fn after(answer: &mut RequestAnswer, switch: &RecordingSwitch) {
-        if let RequestAnswer::Next(Ok(Some(Request { what: What::Begin(prepared), .. }))) = answer {
+        if let RequestAnswer::Next(Ok(Some(Request { what: RequestKind::Begin(prepared), .. }))) = answer {
             switch.wants(prepared.recording.take(), prepared.request);
         }
     }
 }
 
-fn next(what: What) -> RequestAnswer {
-    RequestAnswer::Next(Ok(Some(Request::new(what, Who::by(Front::Program)))))
+fn next(what: RequestKind) -> RequestAnswer {
+    RequestAnswer::Next(Ok(Some(Request::new(what, Who::by(RequestSource::Program)))))
 }

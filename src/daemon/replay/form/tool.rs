@@ -11,28 +11,28 @@ impl Recordable for ToolCommand {
     fn recorded_command(&self) -> Option<(Topic, Value)> {
         Some(match self {
             ToolCommand::Press(_) => (Topic::Tool, to_json(self)),
-            ToolCommand::News => (Topic::Tool, Value::Null),
+            ToolCommand::Report => (Topic::Tool, Value::Null),
         })
     }
 
     fn recorded_answer(answer: &ToolAnswer, _: &Recorder) -> Option<RecordedAnswer> {
         match answer {
-            ToolAnswer::Told => value(Value::Null),
-            ToolAnswer::News(news) => news.as_ref().and_then(|news| value(to_json(news))),
+            ToolAnswer::Done => value(Value::Null),
+            ToolAnswer::Report(news) => news.as_ref().and_then(|news| value(to_json(news))),
         }
     }
 
     fn answer(&self, heard: RecordedAnswer) -> Result<ToolAnswer, serde_json::Error> {
         Ok(match self {
-            ToolCommand::Press(_) => ToolAnswer::Told,
-            ToolCommand::News => ToolAnswer::News(Some(read(heard)?)),
+            ToolCommand::Press(_) => ToolAnswer::Done,
+            ToolCommand::Report => ToolAnswer::Report(Some(read(heard)?)),
         })
     }
 
     fn otherwise(&self, _: Time, _: bool) -> ToolAnswer {
         match self {
-            ToolCommand::Press(_) => ToolAnswer::Told,
-            ToolCommand::News => ToolAnswer::News(None),
+            ToolCommand::Press(_) => ToolAnswer::Done,
+            ToolCommand::Report => ToolAnswer::Report(None),
         }
     }
 }

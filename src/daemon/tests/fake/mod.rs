@@ -1,19 +1,19 @@
 //! The scripted cell: its setup, and how one of its cycles is run, served and replayed.
 
-mod asks;
 mod cameras;
 mod record;
+mod requester;
 mod robot;
-mod story;
+mod script;
 mod taught;
 mod tool;
 mod world;
 
-pub use asks::Asks;
 pub use cameras::FakeCameras;
 pub use record::Memory;
+pub use requester::Asks;
 pub use robot::standing_state;
-pub use story::Story;
+pub use script::Story;
 pub use taught::{TaughtHere, setup};
 pub use tool::AtContact;
 

@@ -2,7 +2,7 @@
 
 use super::super::super::*;
 use super::{Asks, Cell, FakeCameras, FakeRobot, Memory, Shared, World};
-use crate::cycle::{Act, At, Event, Phase, State, Switch};
+use crate::cycle::{Action, At, Event, Phase, State, Switch};
 use crate::daemon::{
     self,
     running::{Outside, Running},
@@ -80,7 +80,7 @@ pub struct AtContact {
     state: State,
     perception: daemon::perception::Perception,
     abrasion: daemon::abrasion::Abrasion,
-    pending: daemon::pending::Pending,
+    pending: daemon::pending_action::PendingAction,
     armed: Vec<Armed>,
     robot_state: Option<crate::eki::State>,
 }
@@ -104,12 +104,12 @@ impl AtContact {
         let (mut robot, mut tool) = (FakeRobot { world: cell.world.clone(), by_the_wall: false }, cell.tool());
         let mut asks = Asks::one_cycle();
         let computing = Computing::inline(Box::new(FakeCameras::new(cell.world.clone())), true);
-        let robot = daemon::corrected::Corrected::new(&mut robot, &setup.cell.arm);
+        let robot = daemon::corrected::CalibratedRobot::new(&mut robot, &setup.cell.arm);
         let ports = Outside { robot, tool: &mut tool, record: &mut record, requests: &mut asks };
         let mut running = Running::new((setup.cell(), Some(setup.clone())), computing, ports, (State::NEW, true));
         while let Some(event) = running.next_event().expect("no fault") {
             running.on_event(event).expect("no fault");
-            let switches = running.state.due.is_some_and(|due| due.act == Act::Switch(Switch::ToolOn));
+            let switches = running.state.due.is_some_and(|due| due.act == Action::Switch(Switch::ToolOn));
             if running.state.at == At::Execute(Phase::Abrade) && switches {
                 break;
             }
@@ -141,7 +141,7 @@ impl AtContact {
         }
         let mut tool = LinkedTool::new(tool);
         let computing = Computing::inline(Box::new(FakeCameras::new(world.clone())), true);
-        let robot = daemon::corrected::Corrected::new(&mut robot, &self.setup.cell.arm);
+        let robot = daemon::corrected::CalibratedRobot::new(&mut robot, &self.setup.cell.arm);
         let ports = Outside { robot, tool: &mut tool, record: &mut record, requests: &mut asks };
         let cycle = (self.setup.cell(), Some(self.setup.clone()));
         let mut running = Running::new(cycle, computing, ports, (self.state, true));
@@ -151,14 +151,14 @@ impl AtContact {
         running.pending = Some(self.pending);
         let goes_on = |state: &State| {
             let last = state.due.is_some_and(
-                |due| matches!(due.act, Act::Move(motion) if motion.path == crate::cycle::Path::Retract),
+                |due| matches!(due.act, Action::Move(motion) if motion.path == crate::cycle::Path::Retract),
             );
             !state.at.rests() && !last
         };
         while goes_on(&running.state)
             && let Some(event) = running.next_event().expect("no fault")
         {
-            let is_done = matches!(event, Event::Told(crate::cycle::Report::Boot));
+            let is_done = matches!(event, Event::Reported(crate::cycle::Report::Boot));
             assert!(!is_done, "it goes on");
             running.on_event(event).expect("no fault");
         }

@@ -15,7 +15,7 @@
 //!
 //! [`Setup::programs`]: super::Setup
 
-mod around;
+mod environment;
 mod ethernet;
 mod held;
 mod lock_step;

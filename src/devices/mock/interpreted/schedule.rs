@@ -4,7 +4,7 @@
 use super::super::log::Executed;
 use super::super::model::{Controller, TICK_MS};
 use super::super::mover::Done;
-use super::around::Around;
+use super::environment::Around;
 use super::robot_state::RobotState;
 use super::running::{Running, SchedulerBias};
 use crate::krl::Pause;

@@ -14,11 +14,11 @@
 //!
 //! - `shared`: its setup, its state, the possible requests · `opening` · `asking` · `losing` · `outcome`
 
-mod asking;
-mod losing;
+mod exchange;
 mod opening;
 mod outcome;
 mod shared;
+mod worker_restart;
 
 use super::budget::{Budget, Verdict};
 use super::clock::now_ns;

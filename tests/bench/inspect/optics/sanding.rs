@@ -20,14 +20,14 @@ pub struct Zone {
 
 /// The look of a point, relative to the panel's look as it was made.
 #[derive(Debug, Clone, Copy)]
-pub struct Look {
+pub struct Appearance {
     pub albedo: [f64; 3],
     pub gloss: f64,
     pub weave: f64,
 }
 
-impl Look {
-    pub const AS_MADE: Look = Look { albedo: [1.0; 3], gloss: 1.0, weave: 1.0 };
+impl Appearance {
+    pub const AS_MADE: Appearance = Appearance { albedo: [1.0; 3], gloss: 1.0, weave: 1.0 };
 }
 
 impl Zone {
@@ -47,13 +47,13 @@ impl Zone {
         (0..2).map(|i| (at[i] - self.low[i]).min(self.high[i] - at[i])).fold(f64::INFINITY, f64::min)
     }
 
-    fn over(&self, look: Look, at: [f64; 2]) -> Look {
+    fn over(&self, look: Appearance, at: [f64; 2]) -> Appearance {
         let depth = self.depth(at);
         let share = (depth / 0.8 + 0.5).clamp(0.0, 1.0);
         let middle = ((depth - self.rim_mm) / 0.8).clamp(0.0, 1.0);
         let rim = self.rim + (1.0 - self.rim) * middle;
         let mix = |a: f64, b: f64| a + share * (b - a);
-        Look {
+        Appearance {
             albedo: std::array::from_fn(|i| mix(look.albedo[i], self.albedo[i] * rim)),
             gloss: mix(look.gloss, self.gloss),
             weave: mix(look.weave, 0.1),
@@ -62,8 +62,8 @@ impl Zone {
 }
 
 /// Returns the look of a point after all of these passes.
-pub fn look(zones: &[Zone], at: [f64; 2]) -> Look {
-    zones.iter().fold(Look::AS_MADE, |look, zone| zone.over(look, at))
+pub fn look(zones: &[Zone], at: [f64; 2]) -> Appearance {
+    zones.iter().fold(Appearance::AS_MADE, |look, zone| zone.over(look, at))
 }
 
 /// The remains of a film on a greasy place, and the stain of the grease.

@@ -10,7 +10,7 @@
 
 use super::light::{Field, RESIN, Surroundings, WATER, fresnel, under_water, wet_diffuse};
 use super::random::{Deviates, Random};
-use super::sanding::{Look, Remains, Zone, look};
+use super::sanding::{Appearance, Remains, Zone, look};
 use super::water::{Place, SPRAY_FROM_S, Surface, WET_FROM_S, Water};
 use crate::conditions::Conditions;
 use crate::tally::contrast_to_noise;
@@ -78,7 +78,7 @@ struct Seen {
     made: [f64; 3],
     dry: [f64; 3],
     gloss_wet: [f64; 3],
-    look: Look,
+    look: Appearance,
     place: Place,
     pixel_mm: f64,
 }

@@ -1,0 +1,110 @@
+//! Describes in words how poses that fit no mount were probably meant.
+
+use crate::number_text::fixed;
+
+/// A way in which poses may have been meant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Meaning {
+    /// `flange_from_base`, or a camera of the other mount.
+    Inverted {
+        /// Whether the mount is wrong. The nearer one of camera and board is on the flange.
+        other_mount: bool,
+    },
+    /// Three angles in another order or about other axes; the text names them.
+    Angles(&'static str),
+    /// A rotation vector.
+    RotationVector {
+        /// In radians?
+        radians: bool,
+    },
+    /// A quaternion with its four numbers in another order.
+    Quaternion(&'static str),
+    /// Only the rotation is inverted.
+    Transposed,
+    /// The axes are those of a left-handed frame.
+    LeftHanded,
+    /// Angles in radians.
+    Radians,
+    /// Each picture is paired with the pose of its neighbour.
+    Shifted {
+        /// Whether each picture is paired with the previous pose.
+        late: bool,
+    },
+    /// The pictures are mirrored.
+    Mirrored,
+    /// Lengths of board and robot differ by a factor.
+    Lengths {
+        /// Robot by board.
+        ratio: f64,
+        /// The side of a square as stated, mm.
+        square_mm: f64,
+    },
+}
+
+/// A reading with which the poses fit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Reading {
+    /// The meaning.
+    pub meaning: Meaning,
+    /// The median distance of the boards, mm.
+    pub median_mm: f64,
+    /// The residual of the best of the other readings, mm.
+    pub next_mm: f64,
+}
+
+/// The unit of length that a scale factor indicates.
+fn unit_of(ratio: f64) -> Option<&'static str> {
+    let units = [("metres", 1e-3), ("centimetres", 0.1), ("inches", 1.0 / 25.4), ("micrometres", 1e3)];
+    units.into_iter().find(|(_, unit)| (ratio / unit - 1.0).abs() < 0.02).map(|(name, _)| name)
+}
+
+impl std::fmt::Display for Meaning {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Meaning::Inverted { other_mount: false } => write!(
+                f,
+                "the poses are inverted: they are flange_from_base; write base_from_flange (if they are right, --mount is wrong)"
+            ),
+            Meaning::Inverted { other_mount: true } => write!(
+                f,
+                "--mount is wrong: these poses fit a camera of the other mount (if --mount is right, the poses are \
+                 inverted: flange_from_base)"
+            ),
+            Meaning::Angles(words) => write!(f, "{words}"),
+            Meaning::RotationVector { radians } => {
+                let unit = if *radians { "radians" } else { "degrees" };
+                write!(f, "the three angles are a rotation vector in {unit}; write A, B, C in degrees")
+            }
+            Meaning::Quaternion(words) => write!(f, "the angles come from a quaternion in another order: {words}"),
+            Meaning::Transposed => {
+                write!(f, "the rotations are transposed (inverted), the places are not; write base_from_flange")
+            }
+            Meaning::LeftHanded => {
+                write!(f, "the axes are left-handed, one of them is negated; write right-handed frames")
+            }
+            Meaning::Radians => write!(f, "the angles are in radians; write A, B, C in degrees"),
+            Meaning::Shifted { late } => {
+                let where_to = if *late { "before" } else { "after" };
+                write!(f, "each picture matches the pose {where_to} its own: the list is shifted by one picture")
+            }
+            Meaning::Mirrored => {
+                write!(f, "the pictures are mirrored, left for right; take them as the camera's sensor sees them")
+            }
+            Meaning::Lengths { ratio, square_mm } => {
+                let (found, stated) = (fixed(ratio * square_mm, 3), *square_mm);
+                write!(f, "the board's squares measure {found} mm by the robot's motions, {stated} mm are stated")?;
+                match unit_of(*ratio) {
+                    Some(unit) => write!(f, "; or the places of the poses are in {unit}, not in mm"),
+                    None => write!(f, "; measure the board and correct --square-mm"),
+                }
+            }
+        }
+    }
+}
+
+impl std::fmt::Display for Reading {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let (left, next) = (fixed(self.median_mm, 3), fixed(self.next_mm, 1));
+        write!(f, "{}. Read so, they fit to {left} mm, the next best reading leaves {next} mm", self.meaning)
+    }
+}

@@ -1,0 +1,255 @@
+//! Questions on the terminal: each can be answered by an option instead, and has a proposal if one can be made.
+
+use super::super::fault::Fault;
+use super::super::output::tell_line;
+use crate::number_text::plain;
+use std::io::BufRead;
+use std::ops::RangeInclusive;
+
+/// Asks the questions.
+pub(super) struct Asker<'i> {
+    /// Whether proposed answers are accepted without asking.
+    takes_proposals: bool,
+    answers: Box<dyn BufRead + 'i>,
+}
+
+/// A question.
+pub(super) struct Question<'q> {
+    words: &'q str,
+    option: &'static str,
+    given: Option<String>,
+    proposal: Option<String>,
+}
+
+impl<'q> Question<'q> {
+    /// A question with the option that answers it and the value of that option.
+    pub fn new(words: &'q str, option: &'static str, given: Option<&str>) -> Self {
+        Question { words, option, given: given.map(str::to_owned), proposal: None }
+    }
+
+    /// Adds a proposed answer.
+    pub fn proposing(self, proposal: impl Into<String>) -> Self {
+        Question { proposal: Some(proposal.into()), ..self }
+    }
+}
+
+impl Asker<'static> {
+    /// Creates an asker that asks on standard error and reads from standard input.
+    pub fn on_terminal(takes_proposals: bool) -> Self {
+        Asker { takes_proposals, answers: Box::new(std::io::stdin().lock()) }
+    }
+}
+
+impl Asker<'_> {
+    /// Returns the answer as `read` interprets it; if `read` refuses an answer, the question is asked again.
+    fn ask<T>(&mut self, question: &Question<'_>, read: impl Fn(&str) -> Result<T, String>) -> Result<T, Fault> {
+        let option = question.option;
+        let refused = |found: &str, problem| Fault::BadAnswer { option, found: found.to_owned(), problem };
+        if let Some(given) = &question.given {
+            return read(given).map_err(|problem| refused(given, problem));
+        }
+        let no_answer = || {
+            let is_proposed = question.proposal.is_some();
+            Fault::NoAnswer { question: question.words.to_owned(), option, is_proposed }
+        };
+        if self.takes_proposals {
+            let proposal = question.proposal.as_deref().ok_or_else(no_answer)?;
+            return read(proposal).map_err(|problem| refused(proposal, problem));
+        }
+        let proposed = question.proposal.as_ref().map_or(String::new(), |proposal| format!(" [{proposal}]"));
+        loop {
+            tell_line(&format!("{}{proposed}", question.words));
+            let mut line = String::new();
+            let count =
+                self.answers.read_line(&mut line).map_err(|error| Fault::file("standard input".as_ref(), error))?;
+            if count == 0 {
+                return Err(no_answer());
+            }
+            let answer = match line.trim() {
+                "" => question.proposal.as_deref().unwrap_or_default(),
+                answer => answer,
+            };
+            match read(answer) {
+                Ok(answer) => return Ok(answer),
+                Err(problem) => tell_line(&format!("\"{answer}\": {problem}")),
+            }
+        }
+    }
+}
+
+/// The result of a check of an answer; the error states what is wrong and what is allowed.
+pub(super) type Refusal = Result<(), String>;
+
+impl Asker<'_> {
+    /// Asks for any text that `check` accepts.
+    pub fn words(&mut self, question: &Question<'_>, check: impl Fn(&String) -> Refusal) -> Result<String, Fault> {
+        self.ask(question, |answer| checked(words(answer)?, &check))
+    }
+
+    /// Asks for one of the allowed values, if `check` accepts it.
+    pub fn one_of<T: Copy>(
+        &mut self,
+        question: &Question<'_>,
+        allowed: &[(&str, T)],
+        check: impl Fn(&T) -> Refusal,
+    ) -> Result<T, Fault> {
+        self.ask(question, |answer| checked(one_of(answer, allowed)?, &check))
+    }
+
+    /// Asks for a whole number in this range.
+    pub fn count(&mut self, question: &Question<'_>, range: RangeInclusive<u32>) -> Result<f64, Fault> {
+        self.ask(question, |answer| {
+            let count = answer.trim().parse::<u32>().ok().filter(|count| range.contains(count));
+            let allowed = || format!("valid: a whole number from {} to {}", range.start(), range.end());
+            count.map(f64::from).ok_or_else(allowed)
+        })
+    }
+
+    /// Asks for numbers that `check` accepts, separated by commas or spaces.
+    pub fn numbers<const N: usize>(
+        &mut self,
+        question: &Question<'_>,
+        check: impl Fn(&[f64; N]) -> Refusal,
+    ) -> Result<[f64; N], Fault> {
+        self.ask(question, |answer| checked(numbers(answer)?, &check))
+    }
+
+    /// Both corners of a box that `check` accepts. The reason for a refusal may be in either corner, so both are
+    /// asked again.
+    pub fn box_mm(
+        &mut self,
+        [least, greatest]: [Question<'_>; 2],
+        check: impl Fn(&BoxMm) -> Refusal,
+    ) -> Result<BoxMm, Fault> {
+        loop {
+            let corners = [self.numbers(&least, any)?, self.numbers(&greatest, any)?];
+            let Err(problem) = check(&corners) else { return Ok(corners) };
+            let is_asked = |question: &Question<'_>| question.given.is_none() && !self.takes_proposals;
+            if !is_asked(&least) && !is_asked(&greatest) {
+                let found = corners[1].map(plain).join(",");
+                return Err(Fault::BadAnswer { option: greatest.option, found, problem });
+            }
+            tell_line(&problem);
+        }
+    }
+}
+
+/// A box: its minimum and its maximum corner, mm in the robot's base.
+pub(super) type BoxMm = [[f64; 3]; 2];
+
+/// Accepts every answer.
+pub(super) fn any<T>(_: &T) -> Refusal {
+    Ok(())
+}
+
+fn checked<T>(answer: T, check: impl Fn(&T) -> Refusal) -> Result<T, String> {
+    check(&answer)?;
+    Ok(answer)
+}
+
+fn words(answer: &str) -> Result<String, String> {
+    match answer.trim() {
+        "" => Err("an answer is needed".to_owned()),
+        answer if answer.chars().any(char::is_control) => Err("valid: printable characters".to_owned()),
+        answer => Ok(answer.to_owned()),
+    }
+}
+
+fn one_of<T: Copy>(answer: &str, allowed: &[(&str, T)]) -> Result<T, String> {
+    let found = allowed.iter().find(|(word, _)| *word == answer).map(|(_, value)| *value);
+    let names: Vec<&str> = allowed.iter().map(|(word, _)| *word).collect();
+    found.ok_or_else(|| format!("valid: {}", names.join(" or ")))
+}
+
+fn numbers<const N: usize>(answer: &str) -> Result<[f64; N], String> {
+    let parts = answer.split([',', ' ']).filter(|part| !part.is_empty());
+    let numbers: Option<Vec<f64>> =
+        parts.map(|part| part.parse().ok().filter(|number: &f64| number.is_finite())).collect();
+    let allowed = || match N {
+        1 => "valid: a number".to_owned(),
+        _ => format!("valid: {N} numbers, separated by commas or spaces"),
+    };
+    numbers.and_then(|numbers| numbers.try_into().ok()).ok_or_else(allowed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn asker(answers: &'static str, takes_proposals: bool) -> Asker<'static> {
+        Asker { takes_proposals, answers: Box::new(answers.as_bytes()) }
+    }
+
+    fn question(given: Option<&str>, proposal: Option<&str>) -> Question<'static> {
+        let question = Question::new("how many rows", "--rows", given);
+        match proposal {
+            Some(proposal) => question.proposing(proposal),
+            None => question,
+        }
+    }
+
+    /// The option counts first, then the typed text. An empty line accepts the proposal, and after a wrong answer
+    /// the question is asked again.
+    #[test]
+    fn an_answer_comes_from_the_option_the_terminal_or_the_proposal() {
+        let of =
+            |mut asker: Asker<'_>, question: &Question<'_>| asker.numbers::<1>(question, any).map(|[rows]| rows);
+        assert_eq!(of(asker("5\n", false), &question(Some("3"), Some("4"))).expect("given"), 3.0);
+        assert_eq!(of(asker("5\n", false), &question(None, Some("4"))).expect("typed"), 5.0);
+        assert_eq!(of(asker("\n", false), &question(None, Some("4"))).expect("proposed"), 4.0);
+        assert_eq!(of(asker("many\n\n6\n", false), &question(None, None)).expect("the third"), 6.0);
+        assert_eq!(of(asker("5\n", true), &question(None, Some("4"))).expect("taken"), 4.0);
+        for (asker, question, words) in [
+            (asker("", false), question(None, Some("4")), "how many rows has no answer: give --rows"),
+            (asker("", false), question(None, Some("4")), "--rows, or --yes to accept"),
+            (asker("", true), question(None, None), "how many rows has no answer: give --rows"),
+            (asker("5\n", false), question(Some("x"), None), "--rows \"x\": valid: a number"),
+        ] {
+            let told = of(asker, &question).expect_err("refused").to_string();
+            assert!(told.contains(words), "{told}");
+        }
+        // If there is no proposed answer, --yes does not answer the question.
+        let told = of(asker("", true), &question(None, None)).expect_err("refused").to_string();
+        assert!(told.ends_with("give --rows"), "{told}");
+        // A count is checked against its range at once, not later in the resulting file.
+        let of = |given| asker("", true).count(&question(Some(given), None), 1..=50);
+        assert_eq!(of("50").expect("allowed"), 50.0);
+        for wrong in ["0", "51", "2.5", "many"] {
+            let told = of(wrong).expect_err("refused").to_string();
+            assert!(told.contains(&format!("--rows \"{wrong}\": valid: a whole number from 1 to 50")), "{told}");
+        }
+    }
+
+    /// A box may be wrong in either corner; a value that was not asked for is refused by its option.
+    #[test]
+    fn a_box_that_is_refused_is_asked_again_whole() {
+        let corners = |given: [Option<&str>; 2]| {
+            let least = Question::new("least", "--min", given[0]).proposing("0,0,0");
+            [least, Question::new("greatest", "--max", given[1]).proposing("9,9,9")]
+        };
+        let check = |[least, greatest]: &BoxMm| match least[0] < greatest[0] {
+            true => Ok(()),
+            false => Err("no box".to_owned()),
+        };
+        let of = |mut asker: Asker<'_>, given| asker.box_mm(corners(given), check);
+        assert_eq!(
+            of(asker("7,0,0\n5,1,1\n1,0,0\n\n", false), [None; 2]).expect("the second"),
+            [[1.0, 0.0, 0.0], [9.0; 3]]
+        );
+        let given = [Some("7,0,0"), None];
+        assert_eq!(
+            of(asker("5,1,1\n8,1,1\n", false), given).expect("the second"),
+            [[7.0, 0.0, 0.0], [8.0, 1.0, 1.0]]
+        );
+        let told = of(asker("", true), [Some("9,0,0"), None]).expect_err("refused").to_string();
+        assert_eq!(told, "--max \"9,9,9\": no box");
+    }
+
+    #[test]
+    fn numbers_are_as_many_as_asked_for() {
+        assert_eq!(numbers::<3>("1, -2.5 3"), Ok([1.0, -2.5, 3.0]));
+        for wrong in ["1,2", "1,2,3,4", "1,2,NaN", "1,2,x"] {
+            assert_eq!(numbers::<3>(wrong), Err("valid: 3 numbers, separated by commas or spaces".to_owned()));
+        }
+    }
+}

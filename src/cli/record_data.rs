@@ -1,0 +1,170 @@
+//! The page to read and sign: its data in addition to the cycle's record, read from the store and from the files
+//! that the cycle used.
+
+use super::fault::Fault;
+use crate::calib::health::{self, TOOL_FORCE, Verification};
+use crate::number_text::{apart, utc, utc_day};
+use crate::recipe::Recipe;
+use crate::record::{CycleRecord, KeptFile, name};
+use crate::report::page::Figure;
+use crate::report::record_pdf::{
+    Attached, EarlierCycle, Equipment, LastVerification, Sheet, Signatory, Sources, pdf,
+};
+use crate::signing::{Meaning, Statement, cycle_stem};
+use crate::store::{PassesOfCycle, SignatureRow, Store};
+
+/// The key of each of the cell's files, its name in words, and the verification by which it is judged.
+const EQUIPMENT: [(&str, &str, Option<&str>); 7] = [
+    ("scanner", "scanner, lens", Some("scanner")),
+    ("base_from_camera", "scanner, mount", Some("scanner")),
+    ("flange_camera", "flange camera, lens", Some("flange_camera")),
+    ("flange_from_camera", "flange camera, mount", Some("flange_camera")),
+    ("flange_from_tool", "tool", Some("tool")),
+    ("robot_correction", "robot, correction", None),
+    ("removal", "removal, coupons", None),
+];
+
+/// Reads the page of a cycle.
+///
+/// # Errors
+/// If the store cannot be read.
+pub fn read(store: &Store, record: &CycleRecord) -> Result<Sheet, Fault> {
+    let part = store.kept_part(record);
+    let recipe_text = text(store, &record.recipe_hash);
+    let recipe = recipe_text.and_then(|text| Recipe::check("recipe.toml", &text).ok());
+    let earlier = match part.as_ref().and_then(|part| part.serial.as_ref()) {
+        Some(serial) => Some(store.passes_of_serial(serial, Some(record.id)).map_err(Fault::stage)?),
+        None => None,
+    };
+    let earlier: Option<Vec<EarlierCycle>> = earlier.map(|all| all.iter().map(earlier_cycle).collect());
+    let equipment = equipment(store, record)?;
+    let signatures = signatures(store, record)?;
+    Ok(Sheet::from_sources(&Sources {
+        record,
+        part: part.as_ref(),
+        recipe: recipe.as_ref(),
+        equipment: &equipment,
+        earlier: earlier.as_deref(),
+        signatures: &signatures,
+    }))
+}
+
+/// The page with its annex as PDF/A-3, with the signed record inside.
+///
+/// # Errors
+/// If the store no longer has the signed record complete, or the PDF cannot be written.
+pub fn document(
+    store: &Store,
+    (record, figures): (&CycleRecord, &[Figure]),
+    row: &SignatureRow,
+) -> Result<Vec<u8>, Fault> {
+    let sheet = read(store, record)?;
+    let stem = cycle_stem(record.id);
+    let bytes = store.blob(&row.record_hash).map_err(Fault::stage)?;
+    Statement::read(&bytes).map_err(Fault::stage)?;
+    let attached = [
+        Attached {
+            name: format!("{stem}.json"),
+            description: "The signed record: canonical JSON (RFC 8785)".to_owned(),
+            mime_type: "application/json",
+            bytes,
+        },
+        Attached {
+            name: format!("{stem}.sig"),
+            description: "Its ed25519 signature by the cell".to_owned(),
+            mime_type: "application/octet-stream",
+            bytes: row.signature.clone(),
+        },
+    ];
+    pdf(&sheet, figures, &attached, row.unix_ms.div_euclid(1_000)).map_err(Fault::stage)
+}
+
+fn text(store: &Store, hash: &str) -> Option<String> {
+    String::from_utf8(store.blob(hash).ok()?).ok()
+}
+
+fn earlier_cycle(PassesOfCycle { cycle, started_unix_s, passes, .. }: &PassesOfCycle) -> EarlierCycle {
+    EarlierCycle { cycle: cycle.0, started_unix_s: *started_unix_s, passes: *passes }
+}
+
+fn equipment(store: &Store, record: &CycleRecord) -> Result<Vec<Equipment>, Fault> {
+    let mut all = Vec::new();
+    for (name, what, subject) in EQUIPMENT {
+        let Some(KeptFile { hash, .. }) = record.files.iter().find(|file| file.name == name) else { continue };
+        let read = text(store, hash).and_then(|text| text.parse::<toml::Table>().ok()).unwrap_or_default();
+        let verified = match subject {
+            Some(subject) => verification_before(store, record, subject)?.as_ref().map(in_words),
+            None => None,
+        };
+        all.push(Equipment {
+            what: what.to_owned(),
+            serial: named(&read, "serial"),
+            calibrated: named(&read, "date"),
+            hash: hash.clone(),
+            verified,
+        });
+    }
+    all.extend(force(store, record)?);
+    Ok(all)
+}
+
+/// The force of a compliant tool, if the cycle pressed with one: it has no file, but its payload and zero are
+/// verified.
+fn force(store: &Store, record: &CycleRecord) -> Result<Option<Equipment>, Fault> {
+    let mut findings = record.findings.iter().filter(|finding| finding.number(name::FORCE_MEAN).is_some());
+    let Some(one) = findings.next().and(verification_before(store, record, TOOL_FORCE)?) else { return Ok(None) };
+    Ok(Some(Equipment {
+        what: "tool, force".to_owned(),
+        serial: None,
+        calibrated: None,
+        hash: one.calibration_hash.clone(),
+        verified: Some(in_words(&one)),
+    }))
+}
+
+/// A value of a calibration file, in any of its tables.
+fn named(read: &toml::Table, key: &str) -> Option<String> {
+    let tables = std::iter::once(read).chain(read.values().filter_map(toml::Value::as_table));
+    tables.filter_map(|table| table.get(key)).find_map(|value| match value {
+        toml::Value::String(text) => Some(text.clone()),
+        toml::Value::Datetime(day) => Some(day.to_string()),
+        _ => None,
+    })
+}
+
+/// The last verification before the cycle that was not struck out.
+fn verification_before(store: &Store, record: &CycleRecord, subject: &str) -> Result<Option<Verification>, Fault> {
+    let all = store.verifications(subject).map_err(Fault::stage)?;
+    Ok(all.into_iter().rev().find(|one| one.struck.is_none() && one.at_unix_s <= record.started_unix_s))
+}
+
+fn in_words(one: &Verification) -> LastVerification {
+    let unit = health::unit(&one.subject);
+    let [error, limit] = apart(one.error, one.limit, 2);
+    LastVerification { day: utc_day(one.at_unix_s), error: format!("{error} {unit}, allowed {limit} {unit}") }
+}
+
+fn signatures(store: &Store, record: &CycleRecord) -> Result<Vec<Signatory>, Fault> {
+    let persons = store.signed_by_persons(record.id).map_err(Fault::stage)?;
+    let mut persons = persons.into_iter();
+    let mut all = Vec::new();
+    for row in store.signatures_of(record.id).map_err(Fault::stage)? {
+        let person = if row.is_of_person { persons.next() } else { None };
+        let hash = row.record_hash.get(..16).unwrap_or_default();
+        let key = row.public_key.get(..16).unwrap_or_default();
+        let person = person.map(|(_, person)| person);
+        all.push(Signatory {
+            name: person.as_ref().map_or("the cell".to_owned(), |one| format!("{} ({})", one.name, one.user)),
+            time: utc(row.unix_ms.div_euclid(1_000)),
+            meaning: person.as_ref().map_or("this is what happened".to_owned(), |one| {
+                let remark = one.remark.as_ref().map(|remark| format!(": {remark}")).unwrap_or_default();
+                format!("{}{remark}", one.meaning.words())
+            }),
+            bound: format!("number {}, SHA-256 {hash}…, key {key}…", row.number),
+            decides: person.is_some_and(|one| {
+                matches!(one.meaning, Meaning::InspectedAndReleased | Meaning::InspectedAndNotReleased)
+            }),
+        });
+    }
+    Ok(all)
+}

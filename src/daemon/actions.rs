@@ -1,0 +1,256 @@
+//! Begins the acts of the table, and handles the reports of the robot and the computed results that must arrive
+//! before an act is answered. The acts that move the arm are in `moves`.
+
+use super::answers::reason;
+use super::computing::{Found, Work, Worked};
+use super::error::DaemonError;
+use super::operator_texts;
+use super::pending_action::{Condition, PendingAction};
+use super::ports::{Finding, RecordError};
+use super::ports::{LoopEvent, Note, RecordCommand, RobotPort};
+use super::running::Running;
+use crate::cycle::{self, Action, Answer, Event, Frames, Id, Report, Switch, Trouble};
+use crate::eki::{Command, CommandId, Epoch, QueueError, SetTcp, State, TcpKind};
+use crate::geometry::KukaPose;
+use crate::record::Kind;
+use crate::verdict::{Judgement, Reason, Verdict};
+
+/// A stop that waits in the queue is processed before this many states of the robot: the loop processes a request
+/// at least between every second pair.
+const MAX_STATES_BEFORE_STOP: u8 = 3;
+
+impl Running<'_> {
+    /// Begins an act; an act that needs no waiting is answered at once.
+    pub(super) fn begin(&mut self, id: Id, act: Action) -> Result<(), DaemonError> {
+        self.pending = None;
+        self.computing.abandon();
+        match act {
+            Action::Locate
+            | Action::Refine { .. }
+            | Action::Verify { .. }
+            | Action::DryPicture
+            | Action::Plan { .. }
+            | Action::Film
+            | Action::SelfTest => self.compute(id, act),
+            Action::Assess => {
+                // If it is not known what the tool did, nothing continues on that basis.
+                let unknown = Answer::Failed(Trouble::Unexpected);
+                self.answer(id, self.abrasion.executed_grade.map_or(unknown, Answer::Graded));
+                Ok(())
+            }
+            Action::CheckStandstill => {
+                self.wait(id, act, Condition::Standing);
+                Ok(())
+            }
+            Action::OpenEpoch { above } => {
+                let opened = self.ports.robot.open_epoch(Epoch(above));
+                self.waits_or_fails(id, act, opened.map(|_| Condition::Epoch))
+            }
+            Action::EndEpoch { .. } => {
+                let asked = self.ports.robot.abort();
+                self.waits_or_fails(id, act, asked.map(|()| Condition::EpochEnd { done: None }))
+            }
+            Action::SetFrames(frames) => {
+                let set = self.set_frames(frames);
+                self.waits_or_fails(id, act, set)
+            }
+            Action::Switch(switch) => {
+                let set = self.switch(switch);
+                self.waits_or_fails(id, act, set)
+            }
+            Action::Move(motion) => self.begin_move(id, motion),
+        }
+    }
+
+    /// Has it computed.
+    fn compute(&mut self, id: Id, act: Action) -> Result<(), DaemonError> {
+        self.abrasion.worn_mm2 = self.ports.record.disc_worn_mm2()?;
+        self.abrasion.is_air = self.state.job.air;
+        if matches!(act, Action::Plan { .. }) {
+            self.abrasion.earlier = self.ports.record.abraded_before()?;
+        }
+        let (perception, abrasion) = (self.perception.clone(), self.abrasion.clone());
+        let tip = self.robot_state.map(|state| state.base_from_tcp);
+        let (pass, setup) = (self.state.job.pass, self.cycle.clone());
+        self.computing.submit(Work { id, act, is_next_picture: false, perception, abrasion, tip, pass, setup });
+        self.wait(id, act, Condition::Computing);
+        Ok(())
+    }
+
+    /// Requests the evaluation of the film's next picture.
+    fn watch_on(&mut self, id: Id, act: Action) {
+        self.computing.submit(Work::next_picture(id, act, self.state.job.pass, self.cycle.clone()));
+        self.wait(id, act, Condition::Computing);
+    }
+
+    /// Accepts a computed result if it is still waited for.
+    pub(super) fn computed(&mut self, worked: Worked) -> Result<(), DaemonError> {
+        let Worked { id, found, artifacts, notes, .. } = worked;
+        let is_due =
+            |pending: &mut PendingAction| pending.id == id && matches!(pending.waits, Condition::Computing);
+        let Some(PendingAction { act, .. }) = self.pending.take_if(is_due) else {
+            tracing::debug!(id = id.0, "a result came late and is dropped");
+            return Ok(());
+        };
+        self.keep(notes)?;
+        match (found?, artifacts) {
+            (Found::Watching { seen_s }, _) => {
+                self.ports.requests.publish(LoopEvent::Filmed(seen_s));
+                self.wait(id, act, if self.lock_step { Condition::Film } else { Condition::Computing });
+            }
+            (Found::Wrong(wrong), _) => self.tested(id, wrong)?,
+            (Found::Answer(answer), artifacts) => {
+                match (act, artifacts) {
+                    (_, None) => {}
+                    (Action::Film, Some((film, _))) => self.perception.take_film(film),
+                    (_, Some((perception, abrasion))) => (self.perception, self.abrasion) = (perception, abrasion),
+                }
+                self.answer(id, answer);
+            }
+        }
+        Ok(())
+    }
+
+    /// Records the notes.
+    pub(super) fn keep(&mut self, notes: Vec<Note>) -> Result<(), RecordError> {
+        for note in notes {
+            match note {
+                Note::Finding(finding) => self.record(finding)?,
+                note => self.ports.record.keep(RecordCommand::Note(note))?,
+            }
+        }
+        Ok(())
+    }
+
+    /// Ends the self-test: combines the faults that the thread found with those that the loop itself sees.
+    fn tested(&mut self, id: Id, found: Vec<(Trouble, Reason)>) -> Result<(), DaemonError> {
+        let robot = self.state.facts.robot;
+        let unready = (robot != cycle::Robot::Ready).then(|| (Trouble::Refused, operator_texts::robot(robot)));
+        let full = self.ports.record.check().into_iter().map(|reason| (Trouble::Store, reason));
+        let wrong: Vec<(Trouble, Reason)> =
+            unready.into_iter().chain(found).chain(full).chain(self.tool_unfit()).collect();
+        let answer = wrong.first().map_or(Answer::Done, |(trouble, _)| Answer::Failed(*trouble));
+        if !wrong.is_empty() {
+            self.note(Kind::SelfTest, wrong.into_iter().map(|(_, reason)| reason).collect())?;
+        }
+        self.answer(id, answer);
+        Ok(())
+    }
+
+    pub(super) fn wait(&mut self, id: Id, act: Action, waits: Condition) {
+        self.pending = Some(PendingAction { id, act, waits });
+    }
+
+    pub(super) fn answer(&mut self, id: Id, answer: Answer) {
+        self.pending = None;
+        self.events.push_back(Event::Reported(Report::Answered { id, answer }));
+    }
+
+    pub(super) fn waits_or_fails(
+        &mut self,
+        id: Id,
+        act: Action,
+        waits: Result<Condition, QueueError>,
+    ) -> Result<(), DaemonError> {
+        match waits {
+            Ok(waits) => self.wait(id, act, waits),
+            // A stop is sent to the robot before the table processes it: then the table stops, and nothing has
+            // failed.
+            Err(QueueError::NoEpoch) => self.wait(id, act, Condition::NoEpoch { states: MAX_STATES_BEFORE_STOP }),
+            Err(error) => self.not_sent(id, &error)?,
+        }
+        Ok(())
+    }
+
+    fn not_sent(&mut self, id: Id, error: &QueueError) -> Result<(), DaemonError> {
+        self.note(Kind::Robot, vec![reason("not_sent", error)])?;
+        self.answer(id, Answer::Failed(Trouble::Refused));
+        Ok(())
+    }
+
+    /// Records a finding that does not come from a stage: a trouble of the cell, in words, for a person. The
+    /// finding is no judgement of the panel.
+    pub(super) fn note(&mut self, kind: Kind, reasons: Vec<Reason>) -> Result<(), RecordError> {
+        let judgement = Judgement::new(vec![], reasons);
+        self.record(Finding::new(kind, self.state.job.pass, judgement))
+    }
+
+    /// Keeps a finding and reports it.
+    pub(super) fn record(&mut self, finding: Finding) -> Result<(), RecordError> {
+        let Finding { pass, judgement, .. } = &finding;
+        let stage = finding.kind.word();
+        let words: Vec<&str> = judgement.reasons.iter().map(|reason| reason.message.as_str()).collect();
+        let (verdict, words) = (judgement.verdict.word(), words.join("; "));
+        let is_trouble = matches!(finding.kind, Kind::Gate | Kind::Robot | Kind::SelfTest | Kind::Tool);
+        if is_trouble || matches!(judgement.verdict, Verdict::Reject | Verdict::Invalid) {
+            tracing::warn!(stage, pass, verdict, "{words}");
+        } else {
+            tracing::info!(stage, pass, verdict, "{words}");
+        }
+        self.ports.requests.publish(LoopEvent::Noted(judgement.reasons.clone()));
+        self.ports.record.keep(RecordCommand::Note(Note::Finding(finding)))
+    }
+
+    fn set_frames(&mut self, frames: Frames) -> Result<Condition, QueueError> {
+        let nothing = QueueError::FramesNotSet { missing: "a recipe" };
+        let calibrations = self.setup().ok_or(nothing)?.calibrations;
+        let (base, flange_from_tool, kind) = match frames {
+            Frames::Camera => {
+                (KukaPose::default(), KukaPose::from_rigid(&calibrations.flange_from_camera), TcpKind::Other)
+            }
+            Frames::Pad => {
+                let place =
+                    self.perception.place().ok_or(QueueError::FramesNotSet { missing: "the panel's place" })?;
+                let pad = KukaPose::from_rigid(&calibrations.flange_from_tool);
+                (KukaPose::from_rigid(&place), pad, TcpKind::Sanding)
+            }
+        };
+        self.ports.robot.send(Command::SetBase(base))?;
+        Ok(Condition::Frames(self.ports.robot.send(Command::SetTcp(SetTcp { flange_from_tool, kind }))?))
+    }
+
+    fn switch(&mut self, switch: Switch) -> Result<Condition, QueueError> {
+        let (signals, proof) = (self.cell.wiring.signals(switch), self.cell.wiring.proof(switch));
+        let mut last = CommandId(0);
+        for signal in signals {
+            last = self.ports.robot.send(Command::SetDigout(signal))?;
+        }
+        Ok(Condition::Feedback { last, proof })
+    }
+
+    /// Checks by the robot's state whether the pending result has come.
+    pub(super) fn look(&mut self, state: &State) -> Result<(), DaemonError> {
+        let Some(PendingAction { id, act, waits }) = self.pending.take() else { return Ok(()) };
+        let stands = !state.moving;
+        match waits {
+            Condition::Standing if stands => self.answer(id, Answer::Standstill { done: 0 }),
+            Condition::EpochEnd { done: Some(done) }
+                if stands && self.cell.wiring.tool_is_off(state) && self.cell.wiring.water_is_off(state) =>
+            {
+                self.answer(id, Answer::Standstill { done });
+            }
+            Condition::Frames(last) if state.done >= last && state.base_set && state.tool_set => {
+                self.answer(id, Answer::Done);
+            }
+            Condition::Feedback { last, proof } if state.done >= last && proof.is_told(state) => {
+                self.answer(id, Answer::Done);
+            }
+            Condition::Warned { last, until } => {
+                if let Action::Move(motion) = act {
+                    self.warning((id, motion), (last, until), state)?;
+                }
+            }
+            Condition::NoEpoch { states: 0 } => self.not_sent(id, &QueueError::NoEpoch)?,
+            Condition::NoEpoch { states } => self.wait(id, act, Condition::NoEpoch { states: states - 1 }),
+            Condition::Ready(last) if state.done >= last && stands => {
+                if let Action::Move(motion) = act {
+                    self.by_lines(id, motion)?;
+                }
+            }
+            Condition::PathEnd if stands => self.path_end(id, act, state)?,
+            Condition::Film => self.watch_on(id, act),
+            waits => self.wait(id, act, waits),
+        }
+        Ok(())
+    }
+}

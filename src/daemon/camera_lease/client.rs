@@ -1,0 +1,215 @@
+//! The service's cameras, as a command uses them.
+
+use super::super::protocol::request_line;
+use super::super::reply::Reply;
+use super::super::request::RequestKind;
+use super::header::Sent;
+use super::request::ShotRequest;
+use super::shared::AT_WORK;
+use crate::devices::cameras::{
+    CameraError, Conditions, FlangeCamera, FlangePicture, Picture, Scanner, Shot, Which,
+};
+use crate::files;
+use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::Shutdown;
+use std::os::unix::net::UnixStream;
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// Before this time is over, the service reports a camera that has stopped delivering.
+const RESPONSE_TIMEOUT: Duration = Duration::from_secs(120);
+/// Largest header, and largest shot (100 million points), in bytes.
+const MAX_HEAD_BYTES: u64 = 64 * 1_024;
+const MAX_SHOT_BYTES: usize = 2_000_000_000;
+
+type Connection = BufReader<UnixStream>;
+
+/// The service's 3D camera.
+#[derive(Debug)]
+pub struct RemoteScanner {
+    socket: PathBuf,
+    film: Option<Connection>,
+    conditions: Conditions,
+}
+
+/// The service's flange camera.
+#[derive(Debug)]
+pub struct BorrowedFlangeCamera {
+    socket: PathBuf,
+    conditions: Conditions,
+}
+
+impl RemoteScanner {
+    /// Creates the camera of the service that answers at this socket.
+    pub fn new(socket: PathBuf) -> Self {
+        RemoteScanner { socket, film: None, conditions: Conditions::default() }
+    }
+}
+
+impl BorrowedFlangeCamera {
+    /// Creates the camera of the service that answers at this socket.
+    pub fn new(socket: PathBuf) -> Self {
+        BorrowedFlangeCamera { socket, conditions: Conditions::default() }
+    }
+}
+
+fn failed(problem: impl std::fmt::Display) -> CameraError {
+    CameraError::Service { problem: problem.to_string() }
+}
+
+/// Requests shots.
+fn ask(socket: &PathBuf, shot: ShotRequest) -> Result<Connection, CameraError> {
+    let mut stream = UnixStream::connect(socket).map_err(failed)?;
+    stream.set_read_timeout(Some(RESPONSE_TIMEOUT)).map_err(failed)?;
+    stream.set_write_timeout(Some(RESPONSE_TIMEOUT)).map_err(failed)?;
+    stream.write_all(request_line(&RequestKind::Shoot(shot)).map_err(failed)?.as_bytes()).map_err(failed)?;
+    Ok(BufReader::new(stream))
+}
+
+/// The next head.
+fn head(connection: &mut Connection) -> Result<Sent, CameraError> {
+    let mut line = Vec::new();
+    connection.by_ref().take(MAX_HEAD_BYTES).read_until(b'\n', &mut line).map_err(failed)?;
+    match serde_json::from_slice(&line) {
+        Ok(Sent::Failed { reasons }) if reasons.iter().any(|reason| reason.code == AT_WORK) => {
+            Err(CameraError::AtWork)
+        }
+        Ok(Sent::Failed { reasons }) => Err(failed(words(&reasons))),
+        Ok(sent) => Ok(sent),
+        // A request that was refused before the cameras were asked is answered like every other request.
+        Err(error) => match serde_json::from_slice::<Reply>(&line) {
+            Ok(reply) => Err(failed(words(&reply.reasons))),
+            Err(_) => Err(failed(format!("its answer is not understood: {error}"))),
+        },
+    }
+}
+
+fn words(reasons: &[crate::verdict::Reason]) -> String {
+    reasons.iter().map(|reason| reason.message.as_ref()).collect::<Vec<_>>().join("; ")
+}
+
+fn body(connection: &mut Connection, bytes: usize) -> Result<Vec<u8>, CameraError> {
+    if bytes > MAX_SHOT_BYTES {
+        return Err(failed(format!("a shot of {bytes} bytes (limit {MAX_SHOT_BYTES} bytes)")));
+    }
+    let mut body = Vec::new();
+    let read = connection.take(bytes as u64).read_to_end(&mut body).map_err(failed)?;
+    if read == bytes {
+        Ok(body)
+    } else {
+        Err(failed(format!("the connection ended after {read} of {bytes} bytes")))
+    }
+}
+
+fn colors(connection: &mut Connection, width: usize, height: usize) -> Result<ColorPicture, CameraError> {
+    let bytes = width.checked_mul(height).and_then(|pixels| pixels.checked_mul(3));
+    let body = body(connection, bytes.unwrap_or(usize::MAX))?;
+    let (rgb, _) = body.as_chunks::<3>();
+    Ok(ColorPicture { width, height, rgb: rgb.to_vec() })
+}
+
+fn unexpected(sent: &Sent) -> CameraError {
+    let what = match sent {
+        Sent::Scan { .. } => "a scan",
+        Sent::Picture { .. } => "a picture",
+        Sent::Began { .. } => "the beginning of a film",
+        Sent::Ended { .. } => "the end of a film",
+        Sent::Failed { .. } => "a failure",
+    };
+    failed(format!("{what} was received, but something else was requested"))
+}
+
+impl Scanner for RemoteScanner {
+    fn capture_3d(&mut self) -> Result<Shot, CameraError> {
+        self.film = None;
+        let mut connection = ask(&self.socket, ShotRequest::Scan)?;
+        match head(&mut connection)? {
+            Sent::Scan { bytes, time_s, conditions } => {
+                self.conditions = conditions;
+                let body = body(&mut connection, bytes)?;
+                let cloud: OrganizedCloud<Camera> = files::read_any_cloud(&body, None).map_err(failed)?;
+                Ok(Shot { cloud, time_s })
+            }
+            sent => Err(unexpected(&sent)),
+        }
+    }
+
+    fn capture_2d(&mut self) -> Result<Picture, CameraError> {
+        self.film = None;
+        let mut connection = ask(&self.socket, ShotRequest::Picture)?;
+        match head(&mut connection)? {
+            Sent::Picture { width_px, height_px, time_s, conditions } => {
+                self.conditions = conditions;
+                Ok(Picture { picture: colors(&mut connection, width_px, height_px)?, time_s })
+            }
+            sent => Err(unexpected(&sent)),
+        }
+    }
+
+    fn begin_clip(&mut self, pictures_per_second: f64) -> Result<f64, CameraError> {
+        self.film = None;
+        let mut connection = ask(&self.socket, ShotRequest::Film { pictures_per_second })?;
+        match head(&mut connection)? {
+            Sent::Began { time_s } => {
+                self.film = Some(connection);
+                Ok(time_s)
+            }
+            sent => Err(unexpected(&sent)),
+        }
+    }
+
+    fn next_of_clip(&mut self) -> Result<Option<Picture>, CameraError> {
+        let Some(film) = &mut self.film else { return Err(CameraError::NoClip { which: Which::Scanner }) };
+        match head(film)? {
+            Sent::Picture { width_px, height_px, time_s, conditions } => {
+                self.conditions = conditions;
+                Ok(Some(Picture { picture: colors(film, width_px, height_px)?, time_s }))
+            }
+            sent => Err(unexpected(&sent)),
+        }
+    }
+
+    fn end_clip(&mut self) -> Result<u64, CameraError> {
+        let Some(mut film) = self.film.take() else { return Err(CameraError::NoClip { which: Which::Scanner }) };
+        film.get_ref().shutdown(Shutdown::Write).map_err(failed)?;
+        loop {
+            match head(&mut film)? {
+                Sent::Ended { dropped } => return Ok(dropped),
+                // The picture was already on its way.
+                Sent::Picture { width_px, height_px, .. } => drop(colors(&mut film, width_px, height_px)?),
+                sent => return Err(unexpected(&sent)),
+            }
+        }
+    }
+
+    fn check(&mut self) -> Result<(), CameraError> {
+        self.capture_2d().map(drop)
+    }
+
+    fn conditions(&self) -> Conditions {
+        self.conditions
+    }
+}
+
+impl FlangeCamera for BorrowedFlangeCamera {
+    fn capture(&mut self) -> Result<FlangePicture, CameraError> {
+        let mut connection = ask(&self.socket, ShotRequest::Corner)?;
+        match head(&mut connection)? {
+            Sent::Picture { width_px, height_px, time_s, conditions } => {
+                self.conditions = conditions;
+                let picture = colors(&mut connection, width_px, height_px)?;
+                Ok(FlangePicture { picture, base_from_flange: None, time_s })
+            }
+            sent => Err(unexpected(&sent)),
+        }
+    }
+
+    fn check(&mut self) -> Result<(), CameraError> {
+        self.capture().map(drop)
+    }
+
+    fn conditions(&self) -> Conditions {
+        self.conditions
+    }
+}

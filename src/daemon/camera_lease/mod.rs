@@ -1,0 +1,35 @@
+//! The service's cameras, lent between cycles: `panelprep shoot` and the live calibrations take pictures while the
+//! service has the cameras.
+//!
+//! [`SharedCameras`] holds the loop's cameras. It lends them to one connection at a time while the cell rests
+//! without a cycle (`serving`), and for one picture at a time to the operator's page (`taking`). The loop never
+//! waits for a shot that begins after the cell has left its rest: before each shot it is checked whether the cell
+//! still rests, and a film ends with its next picture. [`RemoteScanner`] and [`BorrowedFlangeCamera`] are the
+//! other end of the connection (`client`).
+//!
+//! ```text
+//! {"ask":"shoot","shot":"scan"}                                  a line to the service
+//! {"sent":"scan","bytes":3987654,"time_s":12.1,"conditions":{…}}   a line from it, then that number of bytes of PCD
+//! ```
+//!
+//! The pictures of a film are sent one after the other until the client closes its writing side, then
+//! `{"sent":"ended",…}`. The robot is not moved, no output is switched, and nothing is written to the store. The
+//! answer to `{"ask":"state"}` reports where the arm is meanwhile.
+
+mod capture;
+mod client;
+mod header;
+mod last_state;
+mod request;
+mod serving;
+mod shared;
+
+pub(super) use capture::Eye;
+pub use client::{BorrowedFlangeCamera, RemoteScanner};
+pub use last_state::LastState;
+pub use request::ShotRequest;
+pub(super) use serving::serve;
+pub use shared::{AllCameras, SharedCameras};
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,154 @@
+//! One connection that requests shots.
+
+use super::capture::{Eye, TakenPicture};
+use super::header::Sent;
+use super::request::ShotRequest;
+use super::shared::{CameraLease, SharedCameras};
+use crate::devices::cameras::{CameraError, Conditions};
+use crate::files;
+use crate::geometry::ColorPicture;
+use crate::verdict::Reason;
+use std::io::{ErrorKind, Read, Write};
+use std::os::unix::net::UnixStream;
+use std::time::Duration;
+
+/// Time limit for a client to accept the data that it is sent.
+const CLIENT_TIMEOUT: Duration = Duration::from_secs(10);
+/// Before each picture, the service waits this long for the client to end the film.
+const END_POLL_TIMEOUT: Duration = Duration::from_millis(2);
+/// No camera takes more pictures a second than this.
+const MAX_PICTURES_PER_SECOND: f64 = 100.0;
+
+/// Why a connection ends before its end.
+enum Broken {
+    /// The reason is reported to the client.
+    Refused(Vec<Reason>),
+    /// There is no client to report to.
+    HungUp,
+}
+
+impl From<std::io::Error> for Broken {
+    fn from(_: std::io::Error) -> Self {
+        Broken::HungUp
+    }
+}
+
+impl From<Reason> for Broken {
+    fn from(reason: Reason) -> Self {
+        Broken::Refused(vec![reason])
+    }
+}
+
+impl From<CameraError> for Broken {
+    fn from(error: CameraError) -> Self {
+        Broken::Refused(vec![Reason::new("camera", error.to_string())])
+    }
+}
+
+/// Takes the requested shots and sends them, until the client has enough or the cell is no longer at rest.
+pub fn serve(mut stream: UnixStream, request: ShotRequest, cameras: &SharedCameras) {
+    let sent = shots(&mut stream, request, cameras);
+    if let Err(Broken::Refused(reasons)) = sent {
+        #[expect(clippy::let_underscore_must_use, reason = "whoever hung up does not want to know")]
+        let _ = head(&mut stream, &Sent::Failed { reasons });
+    }
+}
+
+fn shots(stream: &mut UnixStream, request: ShotRequest, cameras: &SharedCameras) -> Result<(), Broken> {
+    stream.set_nonblocking(false)?;
+    stream.set_write_timeout(Some(CLIENT_TIMEOUT))?;
+    stream.set_read_timeout(Some(END_POLL_TIMEOUT))?;
+    let lent = cameras.lend()?;
+    match request {
+        ShotRequest::Scan => {
+            let (shot, conditions) = {
+                let cameras = &mut lent.cameras()?.cameras;
+                (cameras.scanner.capture_3d()?, cameras.scanner.conditions())
+            };
+            let pcd = files::write_pcd(&shot.cloud);
+            head(stream, &Sent::Scan { bytes: pcd.len(), time_s: shot.time_s, conditions })?;
+            stream.write_all(&pcd)?;
+        }
+        ShotRequest::Picture => one(stream, &lent, Eye::Scanner)?,
+        ShotRequest::Corner => one(stream, &lent, Eye::Flange)?,
+        ShotRequest::Film { pictures_per_second } => film(stream, pictures_per_second, &lent)?,
+    }
+    Ok(())
+}
+
+fn one(stream: &mut UnixStream, lent: &CameraLease<'_>, eye: Eye) -> Result<(), Broken> {
+    let TakenPicture { picture: taken, time_s, conditions } = lent.capture(eye)?;
+    Ok(picture(stream, &taken, (time_s, conditions))?)
+}
+
+fn film(stream: &mut UnixStream, pictures_per_second: f64, lent: &CameraLease<'_>) -> Result<(), Broken> {
+    if !(pictures_per_second > 0.0 && pictures_per_second <= MAX_PICTURES_PER_SECOND) {
+        let message = format!(
+            "{pictures_per_second} pictures per second; more than 0 and at most {MAX_PICTURES_PER_SECOND} are possible"
+        );
+        return Err(Reason::new("bad_request", message).into());
+    }
+    let time_s = {
+        let mut inside = lent.cameras()?;
+        let time_s = inside.cameras.scanner.begin_clip(pictures_per_second)?;
+        inside.films = true;
+        time_s
+    };
+    let sent = pictures(stream, time_s, lent);
+    // However the film ended, the clip must be ended, unless the loop has ended it: the next shot needs the camera
+    // as it was before.
+    let dropped = {
+        let mut inside = lent.lock();
+        std::mem::take(&mut inside.films).then(|| inside.cameras.scanner.end_clip())
+    };
+    sent?;
+    Ok(head(stream, &Sent::Ended { dropped: dropped.transpose()?.unwrap_or(0) })?)
+}
+
+fn pictures(stream: &mut UnixStream, time_s: f64, lent: &CameraLease<'_>) -> Result<(), Broken> {
+    head(stream, &Sent::Began { time_s })?;
+    while !has_enough(stream)? {
+        let next = {
+            let scanner = &mut lent.cameras()?.cameras.scanner;
+            let next = scanner.next_of_clip()?;
+            next.map(|shot| (shot, scanner.conditions()))
+        };
+        if let Some((shot, conditions)) = next {
+            picture(stream, &shot.picture, (shot.time_s, conditions))?;
+        }
+    }
+    Ok(())
+}
+
+/// Returns whether the client has closed its writing side.
+fn has_enough(stream: &mut UnixStream) -> Result<bool, Broken> {
+    match stream.read(&mut [0; 64]) {
+        Ok(0) => Ok(true),
+        Ok(_) => {
+            Err(Reason::new("bad_request", "a film is ended only by closing the connection; nothing may be sent")
+                .into())
+        }
+        Err(error)
+            if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted) =>
+        {
+            Ok(false)
+        }
+        Err(_) => Err(Broken::HungUp),
+    }
+}
+
+fn picture(
+    stream: &mut UnixStream,
+    picture: &ColorPicture,
+    (time_s, conditions): (f64, Conditions),
+) -> std::io::Result<()> {
+    let (width_px, height_px) = (picture.width, picture.height);
+    head(stream, &Sent::Picture { width_px, height_px, time_s, conditions })?;
+    stream.write_all(picture.rgb.as_flattened())
+}
+
+fn head(stream: &mut UnixStream, sent: &Sent) -> std::io::Result<()> {
+    let mut line = serde_json::to_vec(sent)?;
+    line.push(b'\n');
+    stream.write_all(&line)
+}

@@ -1,0 +1,27 @@
+//! The shared parts of all fronts of the service: page, plant and office see the same cell.
+
+use super::alarms::Alarms;
+use super::gateway::Gateway;
+use super::people::People;
+use super::setup_source::SetupSource;
+use std::sync::Arc;
+
+/// The shared parts of the fronts. Clones share the same parts.
+#[derive(Clone)]
+pub struct InterfaceContext {
+    /// The destination of requests.
+    pub gateway: Gateway,
+    /// The persons who may log in, and the fronts' access to the store.
+    pub people: Arc<People>,
+    /// The alarms of the cell.
+    pub alarms: Arc<Alarms>,
+    /// Recipes, calibrations and the rest of the set-up.
+    pub setup: Arc<dyn SetupSource>,
+}
+
+impl InterfaceContext {
+    /// Checks for alarms between cycles if no one has done so within the last minute; a camera may need some time.
+    pub(super) fn look(&self) {
+        self.alarms.look(&*self.setup, self.gateway.cameras.as_ref());
+    }
+}

@@ -1,0 +1,191 @@
+//! The thread of the handshake.
+
+use crate::accounts::{AuditEntry, Role};
+use crate::cell::{InputsOutputs, LINE_INPUTS, Line};
+use crate::cycle;
+use crate::daemon::background::step_back;
+use crate::daemon::camera_lease::LastState;
+use crate::daemon::gateway::Gateway;
+use crate::daemon::people::People;
+use crate::daemon::reply::{Exit, Reply};
+use crate::daemon::request::{OwnText, PartNames, RequestKind, StartRequest};
+use crate::daemon::setup_source::RecipeText;
+use crate::devices::robot::LineOutputs;
+use crate::disk;
+use crate::line::{CellStatus, Handshake, LineInputs, LineObservation, LineRequest};
+use crate::record::{RequestSource, Who};
+use std::sync::Arc;
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+use tokio::runtime::Builder;
+use tokio::sync::oneshot;
+use tokio::time::{MissedTickBehavior, interval};
+
+/// Interval at which the controller reports its inputs.
+const UPDATE_INTERVAL: Duration = Duration::from_millis(100);
+/// Threads that read the recipe and wait for the store's disk.
+const BLOCKING_THREADS: usize = 2;
+/// How long the end of the program waits for these threads.
+const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(1);
+
+/// The parts that the handshake needs.
+pub struct LineParts {
+    /// The `[line]` table of the cell's file.
+    pub line: Line,
+    /// The bits of `part_present` and `start_request` among the controller's inputs.
+    pub inputs: [u32; 2],
+    /// The robot's last state.
+    pub last: LastState,
+    /// The controller's outputs for a line.
+    pub outputs: LineOutputs,
+    /// The destination of requests.
+    pub gateway: Gateway,
+    /// The audit trail.
+    pub people: Arc<People>,
+}
+
+impl LineParts {
+    /// Returns the bits of the line's inputs, if the cell names both.
+    pub fn bits(io: &InputsOutputs) -> Option<[u32; 2]> {
+        let [part_present, start_request] = LINE_INPUTS.map(|name| io.input_bit(name));
+        Some([part_present?, start_request?])
+    }
+}
+
+/// The handshake with the line; it is served until this is dropped.
+#[derive(Debug)]
+pub struct LineFront {
+    end: Option<oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl LineFront {
+    /// Begins to read the line.
+    ///
+    /// # Errors
+    /// If the system provides no thread.
+    pub fn serve(parts: LineParts) -> std::io::Result<Self> {
+        let runtime = Builder::new_current_thread().enable_time().max_blocking_threads(BLOCKING_THREADS).build()?;
+        let (end, mut ended) = oneshot::channel();
+        let serve = move || {
+            step_back();
+            runtime.block_on(async {
+                tokio::select! {
+                    () = follow(parts) => {}
+                    _ = &mut ended => {}
+                }
+            });
+            runtime.shutdown_timeout(SHUTDOWN_TIMEOUT);
+        };
+        let thread = thread::Builder::new().name("line".to_owned()).spawn(serve)?;
+        Ok(LineFront { end: Some(end), thread: Some(thread) })
+    }
+}
+
+impl Drop for LineFront {
+    fn drop(&mut self) {
+        drop(self.end.take());
+        let _ = self.thread.take().map(JoinHandle::join);
+    }
+}
+
+async fn follow(parts: LineParts) {
+    let mut handshake = Handshake::default();
+    let mut tick = interval(UPDATE_INTERVAL);
+    tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut told = None;
+    // A signal cannot state which recipe it means: it is the one with which the service was started.
+    let recipe = parts.recipe().await;
+    loop {
+        tick.tick().await;
+        let look = parts.look().await;
+        let request = handshake.look(look.clone());
+        let now = handshake.output_signals(&look);
+        if told.replace(now) != Some(now) {
+            parts.outputs.set(now.0);
+        }
+        if let Some(request) = request
+            && !parts.ask(request, &recipe).await
+        {
+            handshake.refused(request);
+        }
+    }
+}
+
+impl LineParts {
+    async fn look(&self) -> LineObservation {
+        let reply = self.gateway.request(RequestKind::State, Who::by(RequestSource::Line)).await;
+        let inputs = self.last.inputs().map(|bits| {
+            let [part_present, start_request] = self.inputs.map(|bit| bits >> bit & 1 == 1);
+            LineInputs { part_present, start_request }
+        });
+        let cell = reply.state.map(|state| CellStatus {
+            state,
+            is_review: reply.extras.is_review,
+            verdict: reply.verdict,
+        });
+        LineObservation { inputs, cell }
+    }
+
+    /// Sends the request to the cell and writes the result to the audit trail; returns whether the request was
+    /// accepted.
+    async fn ask(&self, request: LineRequest, recipe: &Result<RecipeText, String>) -> bool {
+        let (word, asked) = match request {
+            LineRequest::Start => ("start", self.start(recipe).await),
+            LineRequest::Reset => ("reset", Ok(RequestKind::Table(cycle::Request::Reset))),
+        };
+        let refused = match asked {
+            Ok(what) => refused(&self.gateway.request(what, Who::by(RequestSource::Line)).await),
+            Err(problem) => Some(problem),
+        };
+        if let Some(why) = &refused {
+            tracing::warn!("the line requests a {word}, which is refused: {why}");
+        }
+        let is_taken = refused.is_none();
+        let (role, from) = (is_taken.then_some(Role::Operator), "the line's digital signals".to_owned());
+        let entry = AuditEntry { refused, ..AuditEntry::done(None, role, from, word) };
+        let people = self.people.clone();
+        #[expect(clippy::let_underscore_must_use, reason = "a line that cannot be stored is in the service's log")]
+        let _ = tokio::task::spawn_blocking(move || people.audit(&entry)).await;
+        is_taken
+    }
+
+    /// Starts a cycle with the recipe and the part that the cell's file names. A recipe that was changed since the
+    /// service started is refused.
+    async fn start(&self, recipe: &Result<RecipeText, String>) -> Result<RequestKind, String> {
+        let Line { serial, order, operator, .. } = self.line.clone();
+        let wanted = recipe.as_ref().map_err(|problem| again(problem))?;
+        let now = self.recipe().await?;
+        let RecipeText { name, text } = now.decided_upon(&wanted.sha256()).map_err(|problem| again(&problem))?;
+        let part = Some(PartNames { serial, order, operator });
+        Ok(RequestKind::Start(StartRequest {
+            recipe: name,
+            text,
+            record: None,
+            part,
+            another_part: false,
+            own_text: OwnText::Allowed,
+        }))
+    }
+
+    /// Reads the recipe that the cell's file names, as the recipe's file is now.
+    async fn recipe(&self) -> Result<RecipeText, String> {
+        let file = self.line.recipe.clone();
+        let name = file.display().to_string();
+        let read =
+            tokio::task::spawn_blocking(move || disk::read(&file)).await.map_err(|error| error.to_string())?;
+        let bytes = read.map_err(|error| format!("{name}: {error}"))?;
+        let text = String::from_utf8(bytes).map_err(|_| format!("{name}: it is no UTF-8 text"))?;
+        Ok(RecipeText { name, text })
+    }
+}
+
+/// Adds to a problem that the line uses the recipe with which the service was started.
+fn again(problem: &str) -> String {
+    format!("{problem}; restart the service when the line is to run by the recipe as it is now")
+}
+
+fn refused(reply: &Reply) -> Option<String> {
+    let reasons: Vec<&str> = reply.reasons.iter().map(|reason| reason.message.as_str()).collect();
+    (reply.answer != Exit::Done).then(|| reasons.join("; "))
+}

@@ -1,0 +1,354 @@
+//! States, refusals and causes in words for the people at the cell: what the situation is, and what to do.
+
+use crate::cycle::{At, Cause, Epoch, Event, Hold, Refusal, Report, Request, Robot, State, Trouble, Why, step};
+use crate::verdict::Reason;
+
+/// Returns the word by which `panelprep ctl` requests this.
+pub fn request_word(request: Request) -> &'static str {
+    match request {
+        Request::Reset => "reset",
+        Request::Start { .. } => "start",
+        Request::AirRun { .. } => "air-run",
+        Request::Hold => "hold",
+        Request::Unhold { .. } => "unhold",
+        Request::Accept => "accept",
+        Request::Stop => "stop",
+        Request::Abort => "abort",
+        Request::Clear => "clear",
+    }
+}
+
+/// Returns the command of `panelprep ctl` that requests this.
+pub fn command(request: Request) -> &'static str {
+    match request {
+        Request::Unhold { dried: true } => "unhold --dried",
+        other => request_word(other),
+    }
+}
+
+/// Returns the reason for a decision that does not state the step on which it was made.
+pub(super) fn no_step(request: Request) -> Reason {
+    let message = format!(
+        "{} needs the step that it was decided upon, and none is given; read the state, then request it with the step that it shows",
+        command(request)
+    );
+    Reason::new("bad_request", message)
+}
+
+/// Returns why a decision on this step is not accepted now. `was` is what that step showed, if it is known.
+pub(super) fn outdated(request: Request, (step, was): (u64, Option<&str>), now: &State) -> Reason {
+    let was = was.unwrap_or("a state that this service did not see");
+    let message = format!(
+        "{} was decided upon step {step}: {was}; the cell is at step {}: {}; read it and decide again",
+        command(request),
+        now.step,
+        shown(now)
+    );
+    Reason::new("outdated", message)
+}
+
+/// Returns what a step shows: the state, its phase, and why the cell is in it.
+pub(super) fn shown(state: &State) -> String {
+    let phase = match state.at {
+        At::Held(hold) | At::Holding(hold) => format!(", {}", hold.resume.word()),
+        _ => String::new(),
+    };
+    let why = why(state).into_iter().next().map_or(String::new(), |reason| format!(" ({})", reason.code));
+    format!("{}{phase}{why}", place(state.at))
+}
+
+/// Returns the state and its phase, such as `execute, refine`.
+pub(super) fn place(at: At) -> String {
+    match at {
+        At::Execute(inside) => format!("{}, {}", at.word(), inside.word()),
+        _ => at.word().to_owned(),
+    }
+}
+
+/// Returns the requests that the table would accept now.
+fn possible(state: &State) -> Vec<&'static str> {
+    let all = [
+        Request::Reset,
+        Request::Start { max_passes: 1, max_moves: 1, dries: false },
+        Request::Hold,
+        Request::Unhold { dried: false },
+        Request::Unhold { dried: true },
+        Request::Accept,
+        Request::Stop,
+        Request::Abort,
+        Request::Clear,
+    ];
+    let taken = |request: &Request| {
+        let (_, effects) = step(*state, Event::Asked(*request));
+        !effects.iter().any(|effect| matches!(effect, crate::cycle::Effect::Refuse { .. }))
+    };
+    all.into_iter().filter(taken).map(command).collect()
+}
+
+/// Returns why a request is refused in this state.
+pub fn refusal(request: Request, refusal: Refusal, state: &State) -> Reason {
+    let word = request_word(request);
+    let possible = || match possible(state) {
+        words if words.is_empty() => "no command is possible until this changes".to_owned(),
+        words => format!("possible now: {}", words.join(", ")),
+    };
+    match refusal {
+        Refusal::NotNow => {
+            let message = format!("{word} is not possible in state {}; {}", place(state.at), possible());
+            Reason::new("not_now", message)
+        }
+        Refusal::Robot(condition) => {
+            let robot = robot(condition);
+            Reason { message: format!("{word} needs a robot that is ready: {}", robot.message), ..robot }
+        }
+        Refusal::Review if matches!(state.at, At::Held(hold) if hold.is_of_contact()) => {
+            let message = "held for review of what the tool did: read the finding, then accept it or stop the cycle; drying the panel does not \
+                           change what was done";
+            Reason::new("review", message)
+        }
+        Refusal::Review => {
+            let message = "held for review: look at the result, then accept it; or dry the panel and `unhold --dried`, \
+                           which locates it again";
+            Reason::new("review", message)
+        }
+        Refusal::Undried => {
+            let message = "held until the panel is dried: dry it, then `unhold --dried` locates it and takes the new dry picture";
+            Reason::new("drying", message)
+        }
+        Refusal::Failed(what) => {
+            let failed = trouble(what);
+            Reason { message: format!("{word} failed: {}", failed.message), ..failed }
+        }
+    }
+}
+
+/// Returns why the robot is not ready.
+pub(super) fn robot(robot: Robot) -> Reason {
+    let (code, message) = match robot {
+        Robot::Unknown => ("robot_unknown", "nothing was received from its controller yet"),
+        Robot::Ready => ("robot_ready", "the robot is ready"),
+        Robot::LinkLost => {
+            ("link_lost", "there is no connection to its controller; check its cable, address and program")
+        }
+        Robot::Restarted => ("robot_restarted", "its controller or program started anew"),
+        Robot::EmergencyStop => {
+            ("emergency_stop", "an emergency stop is pressed; with the drives off the arm does not retract")
+        }
+        Robot::GuardOpen => ("guard_open", "the guard is open"),
+        Robot::DrivesOff => ("drives_off", "its drives are off, or it cannot move"),
+        Robot::NotAutomatic => ("not_automatic", "it is in T1 or T2; switch it to automatic"),
+        Robot::OtherPrograms => (
+            "other_programs",
+            "its programs or its cell_config.dat are others than those with which the cell was accepted: their checksum is not \
+             programs_sum of [robot]; `panelprep doctor --kuka` compares the files",
+        ),
+    };
+    Reason::new(code, message)
+}
+
+pub(super) fn trouble(trouble: Trouble) -> Reason {
+    let (code, message) = match trouble {
+        Trouble::Camera => ("camera", "a camera gave no picture"),
+        Trouble::Picture => ("picture", "a camera's pictures cannot be used"),
+        Trouble::Computing => ("computing", "a computation could not be made"),
+        Trouble::Feedback => {
+            ("feedback", "a feedback differs from its expected state: tool, extraction, water, lens or light")
+        }
+        Trouble::Force => (
+            "force",
+            "compliant tool fault; the arm keeps the tool off the panel. See the finding beside this message, then run `panelprep doctor`",
+        ),
+        Trouble::Starved => ("starved", "the robot ran out of waypoints"),
+        Trouble::Override => {
+            ("override", "contact needs an override of 100 %, and the controller's is another one or was changed")
+        }
+        Trouble::Slow => ("slow", "the robot is far behind its plan"),
+        Trouble::Gate => ("gate", "a path did not pass the gate, and none of it was sent"),
+        Trouble::Refused => ("refused", "the robot refused a command, or none could be sent"),
+        Trouble::Short => ("short", "the robot stopped before the end of its path"),
+        Trouble::Sequence => ("sequence", "the robot acknowledged out of order"),
+        Trouble::Protocol => ("protocol", "the controller sent something that does not follow the protocol"),
+        Trouble::Deviation => ("deviation", "the arm is not at its commanded position"),
+        Trouble::Store => ("store", "the store does not write, or its disk is full"),
+        Trouble::DiskFull => ("disk_full", "the store's disk is full; `panelprep ctl state` lists what to delete"),
+        Trouble::Late => ("late", "there was no answer by the deadline"),
+        Trouble::Unexpected => ("unexpected", "an answer does not match its request"),
+    };
+    Reason::new(code, message)
+}
+
+/// Returns the reason for a cycle that was ended on request: it is no fault, and no one has to clear anything.
+pub(super) fn stopped() -> Reason {
+    Reason::new("stopped", "stopped on request before the cycle's end")
+}
+
+/// Returns why this event ended a cycle, if the cycle did not reach its own end. `at` is the resulting state.
+pub(super) fn ended(event: Event, at: At) -> Option<Reason> {
+    match (event, at) {
+        (Event::Reported(Report::Boot), _) => {
+            Some(Reason::new("interrupted", "the program ended before the cycle did"))
+        }
+        (_, At::Aborting { cause } | At::Aborted { cause }) => Some(cause_reason(cause)),
+        (_, At::Stopping { .. } | At::Stopped) => Some(stopped()),
+        _ => None,
+    }
+}
+
+/// Returns why the cycle is in this state, if that is not obvious, with the way out, and what may still run or
+/// move.
+pub fn why(state: &State) -> Vec<Reason> {
+    let why = match state.at {
+        At::Aborting { cause } | At::Aborted { cause } | At::Clearing { cause } => Some(aborted(cause)),
+        At::Held(hold) | At::Holding(hold) => Some(held(hold)),
+        _ => None,
+    };
+    why.into_iter().chain(not_proven(state)).collect()
+}
+
+/// Returns the commands to the robot before it came to rest here that it has not confirmed.
+fn not_proven(state: &State) -> Vec<Reason> {
+    let At::Aborted { .. } = state.at else { return vec![] };
+    let mut reasons = Vec::new();
+    if state.facts.water_may_run {
+        let message = "water may be running: it was switched on and no feedback confirms that it is off; check it, \
+                       and close its valve by hand if it runs";
+        reasons.push(Reason::new("water_may_run", message));
+    }
+    if state.facts.tool_may_run {
+        let message = "the sanding tool may be running: it was switched on and no feedback confirms that it is \
+                       off; do not reach for it before it is at rest";
+        reasons.push(Reason::new("tool_may_run", message));
+    }
+    if state.intent.is_some() || state.facts.epoch == Epoch::Changing {
+        let message = "the robot has not confirmed its standstill; its controller stops it by its own rules. If it \
+                       moves, press the emergency stop";
+        reasons.push(Reason::new("stop_not_confirmed", message));
+    }
+    reasons
+}
+
+fn cause_reason(cause: Cause) -> Reason {
+    match cause {
+        Cause::Asked => Reason::new("asked", "an abort was requested"),
+        Cause::Robot(condition) => robot(condition),
+        Cause::Trouble(what) => trouble(what),
+        Cause::StopTimedOut => Reason::new("stop_timed_out", "the stop took longer than [limits] stop_deadline_s"),
+        Cause::Interrupted => Reason::new(
+            "interrupted",
+            "the program ended before a motion was reported as \
+                                                          finished",
+        ),
+        Cause::StoreChanged => {
+            let message = "something in the store differs from what this program wrote, and `panelprep store \
+                           verify` names it; what the cell did last may be unknown";
+            Reason::new("store_changed", message)
+        }
+        Cause::StoreRestored => {
+            let message = "the store was restored from a backup: it does not contain what the cell did since then, \
+                           and a part that was in the cell may have been abraded more often than recorded; take \
+                           such parts out, or have an inspector decide";
+            Reason::new("store_restored", message)
+        }
+        Cause::OutputsOn => Reason::new("outputs_on", "the program ended while the tool or the water was on"),
+    }
+}
+
+fn aborted(cause: Cause) -> Reason {
+    let because = cause_reason(cause);
+    let message = format!(
+        "aborted: {}; look at the cell, jog the pad off the panel if it touches, then `panelprep ctl clear`",
+        because.message
+    );
+    Reason { message, ..because }
+}
+
+fn held(hold: Hold) -> Reason {
+    let next = "`panelprep ctl unhold` continues";
+    match hold.why {
+        Why::Asked => Reason::new("asked", format!("held: a person requested it; {next}")),
+        Why::Review if hold.is_of_contact() => Reason::new(
+            "review",
+            "held for review of what the tool did: read the finding, then `panelprep ctl accept`, or `panelprep ctl stop`",
+        ),
+        Why::Review => Reason::new(
+            "review",
+            "held for review: look at the result, then `panelprep ctl accept`, or dry the panel and `panelprep ctl \
+             unhold --dried`",
+        ),
+        Why::NotVerified => Reason::new(
+            "not_verified",
+            "held: the panel is not where it was located; dry it, then `panelprep ctl unhold --dried` locates it again",
+        ),
+        Why::Drying => Reason::new(
+            "drying",
+            "held: the recipe judges sanded places by a new dry picture; dry the panel, then `panelprep ctl unhold --dried` takes it",
+        ),
+        Why::TokenOver => {
+            Reason::new("token_over", format!("held: the localization became too old in contact; {next}"))
+        }
+        Why::Trouble(what) => {
+            let mended = trouble(what);
+            Reason { message: format!("held: {}. Fix it, then {next}", mended.message), ..mended }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cycle::Phase;
+
+    fn ready() -> State {
+        step(State::NEW, Event::Reported(Report::Robot(Robot::Ready))).0
+    }
+
+    #[test]
+    fn a_refusal_says_what_is_possible() {
+        let words = refusal(Request::Hold, Refusal::NotNow, &ready());
+        assert_eq!(words.message, "hold is not possible in state stopped; possible now: reset, abort");
+        let words = refusal(Request::Reset, Refusal::Robot(Robot::GuardOpen), &State::NEW);
+        assert_eq!(
+            (&*words.code, &*words.message),
+            ("guard_open", "reset needs a robot that is ready: the guard is open")
+        );
+    }
+
+    /// Drying is no way out if the tool's work waits for a person.
+    #[test]
+    fn a_review_of_contact_offers_accept_and_stop_alone() {
+        let at = |resume| At::Held(Hold { why: Why::Review, resume });
+        let mut state = State { at: at(Phase::Assess { left: false }), ..ready() };
+        for words in [&why(&state)[0], &refusal(Request::Unhold { dried: true }, Refusal::Review, &state)] {
+            assert!(words.code == "review" && words.message.contains("what the tool did"), "{}", words.message);
+            assert!(!words.message.contains("--dried"), "{}", words.message);
+        }
+        assert_eq!(possible(&state), ["accept", "stop", "abort"]);
+        state.at = at(Phase::Plan);
+        assert!(why(&state)[0].message.contains("--dried") && possible(&state).contains(&"unhold --dried"));
+    }
+
+    #[test]
+    fn an_abort_names_its_cause_and_the_way_out() {
+        let state = State { at: At::Aborted { cause: Cause::Interrupted }, ..State::NEW };
+        let [reason] = &why(&state)[..] else { panic!("{:?}", why(&state)) };
+        assert_eq!(reason.code, "interrupted");
+        assert!(
+            reason.message.contains("before a motion was reported as finished")
+                && reason.message.contains("ctl clear")
+        );
+        assert_eq!(why(&State { at: At::Idle, ..State::NEW }), []);
+    }
+
+    /// Reported in addition to the cause, until a feedback or a person states otherwise.
+    #[test]
+    fn what_is_not_proven_is_told() {
+        let mut state = State { at: At::Aborted { cause: Cause::OutputsOn }, ..State::NEW };
+        (state.facts.water_may_run, state.facts.epoch) = (true, Epoch::Changing);
+        let told = why(&state);
+        let codes: Vec<&str> = told.iter().map(|reason| &*reason.code).collect();
+        assert_eq!(codes, ["outputs_on", "water_may_run", "stop_not_confirmed"]);
+        assert!(told[1].message.starts_with("water may be running"), "{}", told[1].message);
+        state = step(state, Event::Reported(Report::OutputsOff)).0;
+        assert_eq!(why(&state).len(), 2);
+    }
+}

@@ -1,0 +1,50 @@
+//! An act in progress, and the event for which it waits.
+
+use super::wiring::Proof;
+use crate::cycle::{Action, Id};
+use crate::eki::{CommandId, Time};
+
+/// An act that still waits for its answer.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PendingAction {
+    pub id: Id,
+    pub act: Action,
+    pub waits: Condition,
+}
+
+/// The events for which an act can wait.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Condition {
+    /// The robot at rest.
+    Standing,
+    /// The requested epoch.
+    Epoch,
+    /// The end of the epoch, with tool and water proven off; the number of executed waypoints, once it is reported.
+    EpochEnd { done: Option<u32> },
+    /// Waits until base and tool are executed and echoed.
+    Frames(CommandId),
+    /// Waits until outputs are set and the feedback proves them.
+    Feedback { last: CommandId, proof: Proof },
+    /// Waits until the cell has warned of the motion for long enough, counted from the first state in which the
+    /// output is on.
+    Warned {
+        /// The command that switches the warning output on.
+        last: CommandId,
+        /// The end of the warning; `None` before the output is on.
+        until: Option<Time>,
+    },
+    /// Waits for the report of the stop that ended the epoch before the command could be sent. If there is no such
+    /// stop, the act has failed.
+    NoEpoch {
+        /// Number of states of the robot until the act has failed.
+        states: u8,
+    },
+    /// Waits for the pose from which a line may begin.
+    Ready(CommandId),
+    /// The end of a path.
+    PathEnd,
+    /// What is computed.
+    Computing,
+    /// In lock step: waits for the robot's next state, and with it for the time of the film's next picture.
+    Film,
+}

@@ -1,0 +1,43 @@
+//! The requests of a host to the cell, and the line of the audit trail that states the result.
+
+use crate::accounts::{AuditEntry, Role};
+use crate::daemon::gateway::Gateway;
+use crate::daemon::people::People;
+use crate::daemon::reply::Exit;
+use crate::daemon::request::RequestKind;
+use crate::record::{RequestSource, Who};
+use crate::sparkplug::{AuditNote, NodeCommand};
+use std::sync::Arc;
+
+/// The destinations of commands and of lines of the audit trail.
+#[derive(Clone)]
+pub(super) struct Asking {
+    pub gateway: Gateway,
+    pub people: Arc<People>,
+    /// The origin of the commands, in the audit trail.
+    pub from: String,
+}
+
+impl Asking {
+    /// Asks the cell, by the same request and gates as the operator's page, and records the result.
+    pub async fn ask(self, command: NodeCommand, is_noted: bool) {
+        let Some(request) = command.request() else { return };
+        let reply = self.gateway.request(RequestKind::Table(request), Who::by(RequestSource::Sparkplug)).await;
+        let reasons: Vec<&str> = reply.reasons.iter().map(|reason| reason.message.as_str()).collect();
+        let refused = (reply.answer != Exit::Done).then(|| reasons.join("; "));
+        let subject = reply.cycle_id.map(|cycle| format!("cycle {cycle}"));
+        if is_noted {
+            self.note(AuditNote { what: command.word().to_owned(), subject, refused }).await;
+        }
+    }
+
+    /// Records a line of the audit trail, on a thread that may wait for the disk.
+    pub async fn note(self, note: AuditNote) {
+        let AuditNote { what, subject, refused } = note;
+        // The role with which the cell's file lets hosts make requests; it is not known which host made this one.
+        let role = refused.is_none().then_some(Role::Operator);
+        let entry = AuditEntry { subject, refused, ..AuditEntry::done(None, role, self.from.clone(), &what) };
+        #[expect(clippy::let_underscore_must_use, reason = "a line that cannot be stored is in the service's log")]
+        let _ = tokio::task::spawn_blocking(move || self.people.audit(&entry)).await;
+    }
+}

@@ -1,0 +1,193 @@
+//! The loop's data about the compliant tool: its last reading, its last command, and the contact path under way.
+
+use crate::cell::CompliantTool;
+use crate::devices::acf::ToolReport;
+use crate::eki::Time;
+use crate::force::{
+    Expected, ForcePhase, Loss, Press, Ramp, Reading, Watch, WatchLimits, Weight, force_phase, unready,
+};
+use crate::recipe;
+use crate::verdict::Reason;
+use std::time::Duration;
+
+/// A reading that is older than the tool's deadlines by more than this time does not count: the thread of the
+/// tool's link does not work.
+const MAX_READING_DELAY: Duration = Duration::from_millis(150);
+/// Time by which the force may lag behind its set-point.
+const MAX_FORCE_LAG: Duration = Duration::from_millis(100);
+/// The tool is commanded anew once its attitude changes its share of the weight by this much, N.
+const ATTITUDE_N: f64 = 0.2;
+
+/// The state of the tool's pressing.
+#[derive(Debug, Default)]
+pub(super) struct PressState {
+    last: Option<(Time, Reading)>,
+    loss: Option<Loss>,
+    told: Option<Press>,
+    contact: Option<Contact>,
+}
+
+/// A contact path in progress.
+#[derive(Debug)]
+struct Contact {
+    /// For each waypoint of the plan, whether the disc is on the panel.
+    on_panel: Vec<bool>,
+    force_n: f64,
+    landing_n: f64,
+    ramp_s: f64,
+    aim: ForcePhase,
+    /// The commanded contact force of the tool, N.
+    ramp: Ramp,
+    watch: Watch,
+}
+
+impl PressState {
+    /// Begins a contact path; `on_panel` states for each waypoint whether the disc is on the panel.
+    pub fn begin(&mut self, on_panel: Vec<bool>, settings: &recipe::Path, tool: &CompliantTool) {
+        let (Some(force_n), Some(landing_n)) = (settings.force_n(), settings.landing_n()) else { return };
+        self.contact = Some(Contact {
+            on_panel,
+            force_n,
+            landing_n,
+            ramp_s: settings.force_ramp_s(),
+            aim: ForcePhase::HeldBack,
+            ramp: Ramp::at(Press::held_back(tool.min_force_n)),
+            watch: Watch::default(),
+        });
+    }
+
+    /// Returns the command that the tool needs now, if it differs from the last one. `under_way` is the number of
+    /// waypoints that the arm has reached on a contact path.
+    pub fn wanted(
+        &mut self,
+        tool: &CompliantTool,
+        (under_way, downwards): (Option<usize>, f64),
+        now: Time,
+    ) -> Option<Press> {
+        let held = Press::held_back(tool.min_force_n);
+        let wanted = match (under_way, &mut self.contact) {
+            (Some(reached), Some(contact)) => contact.press(reached, (tool, downwards), now),
+            _ => {
+                self.contact = None;
+                held
+            }
+        };
+        let is_same = |told: Press| {
+            let forces = [(told.force_n, wanted.force_n), (told.no_contact_n, wanted.no_contact_n)];
+            forces.into_iter().all(|(told_n, wanted_n)| (told_n - wanted_n).abs() < ATTITUDE_N)
+        };
+        if self.told.is_some_and(is_same) {
+            return None;
+        }
+        self.told = Some(wanted);
+        Some(wanted)
+    }
+
+    /// Processes the news; returns a lost link as a reason.
+    pub fn on_news(&mut self, news: Option<ToolReport>, now: Time) -> Option<Reason> {
+        match news? {
+            ToolReport::Reading { reading, age_ms } => {
+                let age = Duration::from_millis(u64::from(age_ms));
+                let at = Time::after_start(now.since_start().saturating_sub(age));
+                (self.last, self.loss) = (Some((at, reading)), None);
+                None
+            }
+            ToolReport::Lost(loss) => {
+                // A tool that connects again is held back and must be commanded anew.
+                (self.last, self.told) = (None, None);
+                Some(lost(self.loss.insert(loss)))
+            }
+        }
+    }
+
+    /// The contact force of the last reading, N.
+    pub fn contact_n(&self, tool: &CompliantTool, downwards: f64) -> Option<f64> {
+        self.last.map(|(_, reading)| Weight::from(tool).contact_n(reading.force_n, downwards))
+    }
+
+    /// Returns why the contact path in progress must end now.
+    pub fn ends(&mut self, tool: &CompliantTool, downwards: f64, now: Time) -> Option<Reason> {
+        if let Some(why) = self.is_not_there(tool, now) {
+            return Some(why);
+        }
+        let (contact_n, (at, reading)) = (self.contact_n(tool, downwards)?, self.last?);
+        let Contact { aim, ramp, watch, .. } = self.contact.as_mut()?;
+        let expected = Expected { aim: *aim, between_n: ramp.between_n(at, MAX_FORCE_LAG) };
+        watch.see((&reading, contact_n), expected, &limits(tool), at)
+    }
+
+    /// Returns why no motion towards the panel may begin.
+    pub fn refuses(&self, tool: &CompliantTool, now: Time) -> Option<Reason> {
+        let unready = || self.last.and_then(|(_, reading)| unready(&reading, tool.stroke_mm));
+        self.is_not_there(tool, now).or_else(unready)
+    }
+
+    /// Notes that the path in progress is over.
+    pub fn is_over(&mut self) {
+        self.contact = None;
+    }
+
+    fn is_not_there(&self, tool: &CompliantTool, now: Time) -> Option<Reason> {
+        if let Some(loss) = &self.loss {
+            return Some(lost(loss));
+        }
+        let Some((at, _)) = self.last else {
+            let words = "nothing was received from the compliant tool yet; is it on, and its cable in? `panelprep \
+                         doctor` checks it";
+            return Some(Reason::new("tool_link", words));
+        };
+        let longest =
+            Duration::from_millis(u64::from(tool.reply_ms) + u64::from(tool.period_ms)) + MAX_READING_DELAY;
+        let age = now.since(at);
+        let words = || {
+            format!("the compliant tool has sent nothing for {} ms; `panelprep doctor` checks it", age.as_millis())
+        };
+        (age > longest).then(|| Reason::new("tool_link", words()))
+    }
+}
+
+impl Contact {
+    /// Returns the force that the tool is to apply when the arm has reached this many waypoints.
+    fn press(&mut self, reached: usize, (tool, downwards): (&CompliantTool, f64), now: Time) -> Press {
+        let aim = force_phase(&self.on_panel, reached);
+        let target_n = match aim {
+            ForcePhase::HeldBack => tool.min_force_n,
+            ForcePhase::Landing => self.landing_n,
+            ForcePhase::Pressing => self.force_n,
+        };
+        // From the air to the landing, the force changes at once, to the landing force; back to the air, it also
+        // changes at once.
+        let was_held = self.aim == ForcePhase::HeldBack;
+        let ramp_s =
+            if aim == ForcePhase::HeldBack || was_held && aim == ForcePhase::Landing { 0.0 } else { self.ramp_s };
+        if aim != self.aim {
+            self.aim = aim;
+            self.ramp.turn_to(Press { force_n: target_n, no_contact_n: self.landing_n, ramp_s }, now);
+        }
+        if aim == ForcePhase::HeldBack {
+            return Press::held_back(tool.min_force_n);
+        }
+        // The value is within the tool's forces at every attitude: otherwise the cell or the cycle would not have
+        // been accepted.
+        let actuator_n = |contact_n: f64| Weight::from(tool).actuator_n(contact_n, downwards);
+        Press { force_n: actuator_n(target_n), no_contact_n: actuator_n(self.landing_n), ramp_s }
+    }
+}
+
+fn limits(tool: &CompliantTool) -> WatchLimits {
+    let span = |ms: u16| Duration::from_millis(u64::from(ms));
+    WatchLimits {
+        stroke_mm: tool.stroke_mm,
+        band_n: tool.band_n,
+        band_within: span(tool.band_ms),
+        contact_within: span(tool.contact_ms),
+    }
+}
+
+fn lost(loss: &Loss) -> Reason {
+    let words = format!(
+        "the link to the compliant tool is lost: {loss}; check its power and cable; `panelprep doctor` tests the \
+         link"
+    );
+    Reason::new("tool_link", words)
+}

@@ -1,0 +1,164 @@
+//! The events on the panel and the requests to the cell, as far as they are known; if they are not known, the page
+//! states that.
+
+use crate::cycle::{Path, Request};
+use crate::number_text::utc;
+use crate::record::{Abraded, Answer, Bounds, CycleRecord, How, MotionRecord, RequestRecord, RequestedAction};
+use crate::report::page::{Row, Section};
+use std::collections::BTreeMap;
+
+/// Lists how often each grid was abraded, completely or in part, or may have been abraded.
+pub(super) fn abraded(record: &CycleRecord) -> Section {
+    let all = crate::record::abraded(&record.findings, &record.motions);
+    let mut passes: BTreeMap<String, Vec<String>> = BTreeMap::new();
+    for Abraded { grid, pass, how } in &all {
+        let how = match how {
+            How::Whole => "",
+            How::InPart => " in part",
+            How::Touched => ": touched, it is not known how much",
+            How::Perhaps => ": perhaps, it is not known whether the tool touched it",
+        };
+        let grid = grid.clone().unwrap_or_else(|| "any grid: it was not recorded which ones".to_owned());
+        passes.entry(grid).or_default().push(format!("pass {pass}{how}"));
+    }
+    let left = record.motions.iter().filter(|one| one.motion.path == Path::Contact && !one.end_is_known());
+    let worn_mm2: f64 = left.filter_map(|one| one.contact.as_ref()).map(|contact| contact.path.wears_mm2).sum();
+    let is_unsure = all.iter().any(|one| matches!(one.how, How::Touched | How::Perhaps));
+    let mut text = match (passes.is_empty(), is_unsure) {
+        (true, _) => "Nothing: the tool touched no grid.".to_owned(),
+        (false, false) => "Each grid with the passes that touched it.".to_owned(),
+        (false, true) => "Each grid with the passes that touched it, or may have touched it: the robot did not \
+                          report how far it came. What it may have touched counts as abraded for \
+                          max_passes_per_grid, in later cycles of this panel too. This ends with a cycle that ends \
+                          with pass or fail, or because nothing more is allowed."
+            .to_owned(),
+    };
+    if worn_mm2 > 0.0 {
+        text += &format!(" The disc counts as worn by the whole path that was cut short, {worn_mm2:.0} mm².");
+    }
+    Section {
+        heading: "What was abraded".to_owned(),
+        text,
+        rows: passes.iter().map(|(grid, passes)| Row::new(grid, passes.join("; "), "")).collect(),
+        figures: Vec::new(),
+    }
+}
+
+/// The requests of people and programs to the cell: the time, the request, the sender and the result; before the
+/// cycle, and in it.
+pub(super) fn asked(record: &CycleRecord) -> Vec<Section> {
+    let section = |heading: &str, text: &str, asked: &[RequestRecord]| Section {
+        heading: heading.to_owned(),
+        text: if asked.is_empty() { "Nothing.".to_owned() } else { text.to_owned() },
+        rows: asked.iter().map(request).collect(),
+        figures: Vec::new(),
+    };
+    let before = section(
+        "Requests before this cycle",
+        "Each request since the cycle before, which belongs to none.",
+        &record.asked_before,
+    );
+    let during = section(
+        "Requests in this cycle",
+        "Each request with its time, its result, and who sent it.",
+        &record.asked,
+    );
+    [before, during].into_iter().filter(|section| !section.rows.is_empty()).collect()
+}
+
+fn request(asked: &RequestRecord) -> Row {
+    let reasons: Vec<&str> = asked.reasons.iter().map(|reason| reason.message.as_str()).collect();
+    let because = if reasons.is_empty() { String::new() } else { format!(": {}", reasons.join("; ")) };
+    let (what, meant) = wanted(&asked.wanted);
+    let came = match asked.answer {
+        Some(Answer::Done) => format!("{what}: done{meant}{because}"),
+        Some(Answer::Refused) => format!("REFUSED: {what}. Nothing was done{because}"),
+        Some(Answer::Failed) => format!("NOT DONE: {what}. The cell could not do it{because}"),
+        None => format!("{what}: its result was not recorded"),
+    };
+    let who = asked.who.as_ref().map_or("not recorded".to_owned(), ToString::to_string);
+    Row::new(&utc(asked.unix_ms.div_euclid(1_000)), format!("{came}. Requested by: {who}"), "")
+}
+
+/// Returns a request in words, and its meaning if it was done.
+fn wanted(wanted: &RequestedAction) -> (String, String) {
+    let plain = |what: &str, meant: &str| (what.to_owned(), meant.to_owned());
+    match wanted {
+        RequestedAction::NewDisc => plain("new-disc", ", a new disc was mounted and its wear counts from 0"),
+        RequestedAction::Start { recipe } => (format!("start by {recipe}"), String::new()),
+        RequestedAction::For(request) => match request {
+            Request::Reset => plain("reset", ""),
+            Request::Start { max_passes, max_moves, dries } => {
+                let reference = if *dries { ", and a new dry picture after each abrasion" } else { "" };
+                let limits = format!("at most {max_passes} abrasions and {max_moves} moves of the corner loop");
+                ("start".to_owned(), format!(", with {limits}{reference}"))
+            }
+            Request::AirRun { max_moves } => {
+                ("air-run".to_owned(), format!(", with at most {max_moves} moves of the corner loop"))
+            }
+            Request::Hold => plain("hold", ""),
+            Request::Unhold { dried: false } => plain("unhold", ", it continued"),
+            Request::Unhold { dried: true } => plain(
+                "unhold --dried",
+                ", a person confirmed that the panel was \
+                                                                        dried",
+            ),
+            Request::Accept => plain("accept", ", the result that waited for review was accepted"),
+            Request::Stop => plain("stop", ""),
+            Request::Abort => plain("abort", ""),
+            Request::Clear => plain(
+                "clear",
+                ", a person confirmed that the cause is gone and the pad is off the \
+                                              panel",
+            ),
+        },
+    }
+}
+
+/// Lists every motion and how it ended.
+pub(super) fn motions(record: &CycleRecord) -> Section {
+    let rows = record.motions.iter().map(|motion| {
+        let path = match motion.motion.path {
+            Path::Park => "to the park pose".to_owned(),
+            Path::Corner { view } => format!("to corner pose {}", view + 1),
+            Path::Approach => "to the approach".to_owned(),
+            Path::Contact => "contact".to_owned(),
+            Path::Air => "the path in the air".to_owned(),
+            Path::Retract => "clear of the panel".to_owned(),
+        };
+        let plan = match motion.motion.plan {
+            0 => String::new(),
+            _ => format!(", plan {}", motion.motion.plan_word()),
+        };
+        Row::new(&format!("{path}, epoch {}{plan}", motion.motion.epoch), end(motion), "")
+    });
+    Section {
+        heading: "Motions".to_owned(),
+        text:
+            "Each with its end, if the robot reported it. A path over the panel begins at the end of the approach, \
+             which is the first waypoint of its plan. Therefore it has one waypoint less than the plan."
+                .to_owned(),
+        rows: rows.collect(),
+        figures: Vec::new(),
+    }
+}
+
+fn end(motion: &MotionRecord) -> String {
+    let all = motion.motion.waypoints;
+    let is_counted = matches!(motion.motion.path, Path::Contact | Path::Air);
+    match (motion.outcome.filter(|_| motion.end_is_known()), motion.executed()) {
+        (Some(outcome), _) if is_counted => {
+            format!("{}, {} of {all} waypoints", outcome.word(), motion.done)
+        }
+        (Some(outcome), _) => outcome.word().to_owned(),
+        (None, Some(Bounds { at_most: 0, .. })) => {
+            "its end was not reported; no part of it was permitted to be sent".to_owned()
+        }
+        (None, Some(Bounds { at_least, at_most })) => {
+            format!(
+                "its end is not known: at least {at_least} and at most {at_most} of {all} waypoints were executed"
+            )
+        }
+        (None, None) => "its end is not known".to_owned(),
+    }
+}

@@ -1,0 +1,248 @@
+//! The content of the page, in tables of text, from the kept data of a cycle.
+
+use super::blocks::{
+    Block, all_checks, attempts, deviations, equipment, line_to_sign, numbers, reasons, short, shortened,
+    signatures,
+};
+use super::grids::{GridMap, failed_rows, map};
+use super::numbers::uncertainty;
+use super::sources::{EarlierCycle, Sources};
+use crate::number_text::{fixed, utc};
+use crate::recipe::Recipe;
+use crate::record::{Check, Clock, CycleRecord, Kind, name};
+use crate::verdict::Verdict;
+
+/// The page.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sheet {
+    /// Its title.
+    pub title: String,
+    /// How the cycle ended.
+    pub verdict: Verdict,
+    /// The cycle's end in a sentence.
+    pub disposition: String,
+    /// Names and values above the map, two to a line.
+    pub facts: Vec<(String, String)>,
+    /// The map of the panel, or the reason why there is none.
+    pub map: Result<GridMap, String>,
+    /// Tables of the page.
+    pub blocks: Vec<Block>,
+    /// Tables of the annex.
+    pub annex: Vec<Block>,
+}
+
+/// Number of rows that each table is guaranteed on the page; the annex has all rows.
+const ROWS_EACH: usize = 5;
+const NOT_NAMED: &str = "not named at the start";
+
+/// Tables that receive the free rows of the other tables, in this order: numbers, equipment and then failed grids.
+/// A row of these tables is one line.
+const FIRST_SERVED: [usize; 3] = [2, 3, 0];
+
+/// Returns how many rows of each table are on the page; it holds as many as if each had [`ROWS_EACH`].
+fn rows_on_the_page(rows: [usize; 6]) -> [usize; 6] {
+    let mut shown = rows.map(|count| count.min(ROWS_EACH));
+    let mut free = shown.iter().map(|count| ROWS_EACH - count).sum::<usize>();
+    for table in FIRST_SERVED {
+        let more = (rows[table] - shown[table]).min(free);
+        shown[table] += more;
+        free -= more;
+    }
+    shown
+}
+
+impl Sheet {
+    /// Creates the page of a cycle.
+    pub fn from_sources(sources: &Sources<'_>) -> Self {
+        let record = sources.record;
+        let failed = Block {
+            heading: "Grids on which the film broke".to_owned(),
+            columns: vec![
+                ("grid", 0.1),
+                ("film", 0.15),
+                ("time to break", 0.14),
+                ("broken area", 0.14),
+                ("passes", 0.09),
+                ("area, last film", 0.14),
+                ("result", 0.24),
+            ],
+            rows: failed_rows(record),
+        };
+        let all = [
+            failed,
+            attempts(record),
+            numbers(record),
+            equipment(sources.equipment),
+            deviations(record),
+            signatures(sources),
+        ];
+        let most_rows = rows_on_the_page(all.each_ref().map(|block| block.rows.len()));
+        let (mut annex, mut blocks) = (Vec::new(), Vec::new());
+        for (block, most) in all.into_iter().zip(most_rows).filter(|(block, _)| !block.rows.is_empty()) {
+            let mut shown = block.clone();
+            if block.rows.len() > most {
+                shown.rows.truncate(most);
+                shown.heading =
+                    format!("{}: the first {most} of {}, all in the annex", block.heading, block.rows.len());
+                annex.push(block);
+            }
+            blocks.push(shown);
+        }
+        // In addition to those who signed, in any number, there is a line for the person who decides.
+        if let (Some(line), Some(block)) = (line_to_sign(sources), blocks.last_mut()) {
+            block.rows.push(line);
+        }
+        annex.extend(reasons(record));
+        annex.extend(record.findings.iter().filter(|finding| !finding.checks.is_empty()).map(all_checks));
+        Sheet {
+            title: format!("Water-break test, panel {}, cycle {}", record.panel, record.id),
+            verdict: record.judgement.as_ref().map_or(Verdict::Invalid, |judgement| judgement.verdict),
+            disposition: disposition(record),
+            facts: facts(sources),
+            map: match sources.recipe {
+                Some(recipe) if !record.is_air_run() => {
+                    Ok(map(record, recipe.region().rows(), recipe.region().columns()))
+                }
+                Some(_) => Err("an air-run tests no grid".to_owned()),
+                None => Err("the recipe that the cycle used is missing or damaged in the store".to_owned()),
+            },
+            blocks,
+            annex,
+        }
+    }
+}
+
+fn disposition(record: &CycleRecord) -> String {
+    if record.is_air_run() {
+        return "AIR-RUN: the path was run above the panel; nothing was tested and nothing is released".to_owned();
+    }
+    let Some(judgement) = &record.judgement else {
+        return "NOT OVER: this is not the result of the cycle".to_owned();
+    };
+    let words = match judgement.verdict {
+        Verdict::Pass => "the film held on every tested grid",
+        Verdict::Fail => "the film broke, and no further abrasion was allowed",
+        Verdict::Invalid => "the test gives no result; repeat it",
+        Verdict::Review => "a person has to decide",
+        Verdict::Reject => "the panel was not treated further",
+        Verdict::Aborted => "the cycle ended before it had a result",
+        Verdict::Accept => "accepted",
+    };
+    let reasons: Vec<&str> = judgement.reasons.iter().map(|reason| reason.message.as_str()).collect();
+    let why = if reasons.is_empty() { String::new() } else { format!(": {}", shortened(&reasons.join("; "), 260)) };
+    format!("{}, {words}{why}", judgement.verdict.word().to_uppercase())
+}
+
+fn facts(sources: &Sources<'_>) -> Vec<(String, String)> {
+    let Sources { record, part, recipe, .. } = *sources;
+    let named = |name: Option<&String>| name.cloned().unwrap_or_else(|| NOT_NAMED.to_owned());
+    let stated = |detail: &str| {
+        let value = record.findings.iter().find_map(|finding| finding.details.get(detail));
+        let value = value.and_then(|value| value.as_str()).map(|text| format!("{text} (stated by the recipe)"));
+        value.unwrap_or_else(|| "……………… (not measured, not stated by the recipe)".to_owned())
+    };
+    let process = recipe.map(Recipe::process);
+    let procedure = process.and_then(|process| process.procedure());
+    let passes = process.map(|process| {
+        format!(
+            "at most {} abrasions of a grid, {} passes of a part",
+            process.max_passes_per_grid(),
+            process.passes_of_a_part()
+        )
+    });
+    let fact = |name: &str, value: String| (name.to_owned(), value);
+    vec![
+        fact("part, serial number", named(part.and_then(|part| part.serial.as_ref()))),
+        fact("work order", named(part.and_then(|part| part.order.as_ref()))),
+        fact("operator", named(part.and_then(|part| part.operator.as_ref()))),
+        fact("earlier passes on this part", earlier(sources.earlier)),
+        fact("panel, taught version", format!("{}, {}", record.panel, record.taught_version)),
+        fact("recipe, SHA-256", short(&record.recipe_hash)),
+        fact(
+            "procedure",
+            procedure.unwrap_or_else(|| "ASTM F22; its edition is not stated by the recipe".to_owned()),
+        ),
+        fact("program", format!("panelprep {}", record.program_version)),
+        fact("time", time(record)),
+        fact("acceptance", criterion(record)),
+        fact("abrasion", passes.unwrap_or_else(|| "not known: the recipe is missing".to_owned())),
+        fact("error at the tool, 95 %", budget(record)),
+        fact("water", stated(name::WATER)),
+        fact("lamp", stated(name::LAMP)),
+        fact("ambient temperature, humidity", "……………… (not measured by the cell)".to_owned()),
+    ]
+}
+
+fn earlier(earlier: Option<&[EarlierCycle]>) -> String {
+    let Some(earlier) = earlier else { return "not known: no serial number was named".to_owned() };
+    let cycles: Vec<String> = earlier.iter().map(|one| format!("cycle {}: {}", one.cycle, one.passes)).collect();
+    match cycles.is_empty() {
+        true => "none".to_owned(),
+        false => {
+            format!(
+                "{} ({})",
+                earlier.iter().map(|one| one.passes).sum::<usize>(),
+                shortened(&cycles.join(", "), 60)
+            )
+        }
+    }
+}
+
+fn time(record: &CycleRecord) -> String {
+    let began = utc(record.started_unix_s);
+    let took =
+        record.ended_unix_s.map_or("not over".to_owned(), |end| format!("{} s", end - record.started_unix_s));
+    let simulated = if matches!(record.clocks[0], Some(Clock::Simulated { .. })) { "; SIMULATED CELL" } else { "" };
+    format!("{began}, {took}{simulated}")
+}
+
+/// States the criterion by which a grid fails, as it was applied to the films.
+fn criterion(record: &CycleRecord) -> String {
+    let films = record.findings.iter().filter(|finding| finding.kind == Kind::Inspect);
+    let checks: Vec<&Check> = films.flat_map(|film| &film.checks).collect();
+    let area = checks
+        .iter()
+        .find(|check| name::grid_of_broken_film(&check.name).is_some())
+        .and_then(|check| check.limit.bound());
+    let watched = checks.iter().find(|check| check.name == name::WATCHED).and_then(|check| check.limit.bound());
+    match (area, watched) {
+        (Some(mm2), Some(s)) => {
+            format!("no grid with {} mm² of broken film or more within {} s", fixed(mm2, 1), fixed(s, 1))
+        }
+        _ => "no film was judged".to_owned(),
+    }
+}
+
+fn budget(record: &CycleRecord) -> String {
+    let budget = record.budget.unwrap_or_default();
+    let part = |name: &str, mm: Option<f64>| match mm {
+        Some(mm) => format!("{name} {}", uncertainty(mm, "mm")),
+        None => format!("{name} not measured"),
+    };
+    let total = match (budget.total_mm(), budget.stated_mm) {
+        (Some(total), _) => uncertainty(total, "mm"),
+        (None, Some(stated)) => format!("{} stated by the cell's file", uncertainty(stated, "mm")),
+        (None, None) => "total not known".to_owned(),
+    };
+    let parts = [
+        part("hand-eye", budget.hand_eye_mm),
+        part("localization", budget.locate_mm),
+        part("fit", budget.fit_mm),
+        part("robot", budget.robot_mm),
+    ];
+    format!("{total} ({})", parts.join(", "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: the film table leaves 3 rows free, the signatures 4; the numbers use 4 of those 7, the equipment
+    /// uses the other 3 for its 4.
+    #[test]
+    fn free_rows_go_to_numbers_and_equipment_first() {
+        assert_eq!(rows_on_the_page([9, 2, 9, 9, 5, 1]), [5, 2, 9, 8, 5, 1]);
+        assert_eq!(rows_on_the_page([24, 1, 3, 7, 0, 1]), [18, 1, 3, 7, 0, 1]);
+        assert_eq!(rows_on_the_page([9; 6]), [5; 6]);
+    }
+}

@@ -1,0 +1,61 @@
+//! The numbers of the page in one format: with the digits that the measurement supports, beside the limit and its
+//! source.
+
+use crate::number_text::{apart, fixed};
+use crate::record::{Check, Limit, SetBy};
+
+/// Returns the number of digits after the point that the measurements of a unit support: a picture every fifth of a
+/// second, a pixel of a few tenths of a millimetre, a calibration of hundredths.
+fn decimals(value: f64, unit: &str) -> usize {
+    match unit {
+        "mm" | "px" => 2,
+        "s" | "%" | "°" => 1,
+        "mm²" if value.abs() < 10.0 => 1,
+        "mm²" | "grey levels" | "ms" => 0,
+        _ if value.fract() == 0.0 => 0,
+        _ => 2,
+    }
+}
+
+/// Formats a number with its unit.
+pub(super) fn rounded(value: f64, unit: &str) -> String {
+    format!("{} {unit}", fixed(value, decimals(value, unit))).trim_end().to_owned()
+}
+
+/// Returns an uncertainty with its two significant digits.
+pub(super) fn uncertainty(value: f64, unit: &str) -> String {
+    let digits = if value > 0.0 { (1 - value.log10().floor() as i32).clamp(0, 4) as usize } else { 2 };
+    format!("{} {unit}", fixed(value, digits))
+}
+
+/// Formats a check as a row of the table of numbers: name, found value, limit, source of the limit. If the value
+/// was not measured, it is blank and no limit is shown, because the value could otherwise seem to satisfy the
+/// limit.
+pub(super) fn row(check: &Check, of: &str) -> Vec<String> {
+    let what = format!("{}{of}", check.name);
+    let Some(value) = check.value else {
+        return vec![what, String::new(), "not measured".to_owned(), String::new()];
+    };
+    let (sign, bound) = match check.limit {
+        Limit::Unlimited => ("", None),
+        Limit::AtMost(limit) => ("≤ ", Some(limit)),
+        Limit::AtLeast(limit) => ("≥ ", Some(limit)),
+        Limit::Below(limit) => ("< ", Some(limit)),
+    };
+    // The value and the limit have the same format: a share of 1 beside a limit of 0.99 is 1.00.
+    let decimals = decimals(value, &check.unit).max(bound.map_or(0, |bound| decimals(bound, &check.unit)));
+    let unit = |number: String| format!("{number} {}", check.unit).trim_end().to_owned();
+    let shown = |value: f64| unit(fixed(value, decimals).to_string());
+    let (mut found, mut allowed) = (shown(value), bound.map(shown).unwrap_or_default());
+    if let (false, Some(bound)) = (check.is_kept(), bound) {
+        let [number, limit] = apart(value, bound, decimals);
+        (found, allowed) = (format!("{}, not allowed", unit(number)), unit(limit));
+    }
+    let by = match &check.set_by {
+        _ if bound.is_none() => String::new(),
+        Some(SetBy::Recipe(key)) => format!("recipe, {key}"),
+        Some(SetBy::Cell(key)) => format!("cell, {key}"),
+        Some(SetBy::Program) | None => "program".to_owned(),
+    };
+    vec![what, found, if allowed.is_empty() { String::new() } else { format!("{sign}{allowed}") }, by]
+}
