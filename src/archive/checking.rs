@@ -190,7 +190,10 @@ fn unchained(statements: &BTreeMap<u64, Vec<Link>>) -> Vec<String> {
     for (number, links) in statements {
         let hashes: BTreeSet<&str> = links.iter().map(|(hash, _)| hash.as_str()).collect();
         if hashes.len() > 1 {
-            found.push(format!("there are {} signed records number {number}: the chain was forked", hashes.len()));
+            found.push(format!(
+                "there are {} signed records with the number {number}: the chain was forked",
+                hashes.len()
+            ));
         }
         let expected = match before {
             Some((last, hash)) if last + 1 == *number => Some(hash),

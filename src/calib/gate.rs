@@ -89,7 +89,7 @@ impl Reasons {
         if mm > ROUGH_MM || deg > ROUGH_DEG {
             let ([mm, allowed_mm], [deg, allowed_deg]) = (apart(mm, ROUGH_MM, 0), apart(deg, ROUGH_DEG, 0));
             let message = format!(
-                "the calibrated camera is {mm} mm and {deg}° away from its rough place in the cell's file (limits \
+                "the calibrated camera is {mm} mm and {deg}° away from its approximate pose in the cell's file (limits \
                  {allowed_mm} mm and {allowed_deg}°); {question}"
             );
             self.reject.push(Reason::new("rough_mount", message));

@@ -117,7 +117,7 @@ fn wrong_touch(data: &RobotData) -> Option<String> {
     };
     if data.touches.iter().any(|touch| is_other(&touch)) {
         return Some(
-            "a corner can be touched only on a board that does not move, and a seen place only with a fixed camera"
+            "a board corner can be touched only if the board does not move, and a place that a camera sees only if the camera is fixed"
                 .to_owned(),
         );
     }

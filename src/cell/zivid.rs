@@ -33,7 +33,10 @@ fn parse(cell_folder: &Path, section: &Section<'_, '_>) -> Option<ZividCamera> {
     let (settings, settings_2d, library) = (file("settings"), file("settings_2d"), file("library"));
     let (serial, file_camera) = (serial?, file_camera?);
     if serial.is_some() && file_camera.is_some() {
-        section.problem("file_camera", "goes without serial: it is either a camera or a file that plays one");
+        section.problem(
+            "file_camera",
+            "cannot be combined with serial: the camera is either a real one or one that a file simulates",
+        );
         return None;
     }
     Some(ZividCamera { serial, file_camera, settings: settings?, settings_2d: settings_2d?, library: library? })

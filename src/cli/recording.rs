@@ -9,7 +9,7 @@ use crate::cell::{
     ScannerMount, ToolMount,
 };
 use crate::daemon::{
-    Calibrations, RECORDING_FLOOR_MB, Recorded, RecordingPlan, RecordingStatus, free_mb, too_full,
+    Calibrations, RECORDING_FLOOR_MB, Recorded, RecordingPlan, RecordingStatus, disk_full_message, free_mb,
 };
 use crate::files::{read_flange, write_pose};
 use crate::geometry::Rigid;
@@ -60,7 +60,7 @@ pub fn allowed(file: Option<&Path>, store: &Path) -> Result<(), Fault> {
     let place = file.unwrap_or(store);
     let free_mb = free_mb(place).map_err(|error| Fault::file(place, error))?;
     if free_mb < RECORDING_FLOOR_MB {
-        return Err(Fault::file(place, too_full(free_mb)));
+        return Err(Fault::file(place, disk_full_message(free_mb)));
     }
     Ok(())
 }

@@ -28,7 +28,7 @@ pub fn abraded(record: &CycleRecord) -> Vec<String> {
 pub fn removed(record: &CycleRecord) -> Vec<String> {
     let line = |path: RemovedByPath| {
         format!(
-            "removed in pass {}: {} µm in the mean of the treated grids; no place of the part more than {} µm so far (95 %)",
+            "removed in pass {}: {} µm on average over the treated grids; no place of the part more than {} µm so far (95 %)",
             path.pass,
             fixed(path.mean_um, 1),
             fixed(path.bound_um, 1)

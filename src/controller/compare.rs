@@ -78,7 +78,7 @@ impl Found {
             );
         }
         if theirs.environment != ours.environment {
-            let message = "another one than this program's own file has: the channel must live as long as the submit interpreter, Submit";
+            let message = "differs from this program's own file: the channel must live as long as the submit interpreter, so it must be Submit";
             self.note(file, 1, "CONFIGURATION/INTERNAL/ENVIRONMENT", message);
         }
         if theirs.protocol != ours.protocol {

@@ -339,8 +339,9 @@ impl Compared<'_> {
                 && timer != number + 1
             {
                 let line = self.config.get(name).map_or(1, |number| number.line);
-                let message =
-                    format!("is {timer}, and {first} before it is {number}: the seven timers follow one another");
+                let message = format!(
+                    "is {timer}, but {first} before it is {number}: the seven timers must have consecutive numbers"
+                );
                 self.note(line, name, message);
             }
             before = timer.map(|timer| (timer, name));

@@ -7,7 +7,7 @@ use std::os::fd::AsFd;
 use std::path::Path;
 
 /// The user at the other end of this connection to the service's socket, still without a name.
-pub(super) fn at_socket(connection: impl AsFd) -> Who {
+pub(super) fn socket_peer(connection: impl AsFd) -> Who {
     let uid = rustix::net::sockopt::socket_peercred(connection).ok().map(|peer| peer.uid.as_raw());
     Who { front: RequestSource::Socket, uid, user: None }
 }

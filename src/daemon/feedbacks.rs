@@ -57,7 +57,7 @@ fn on_or_off(on: bool) -> &'static str {
 /// What the state reports about a switch's output and feedback.
 fn describe_state(switch: Switch, wiring: &Wiring, state: &State) -> String {
     let (_, output) = words(switch);
-    let SwitchFeedback { outputs, feedback, opposite } = wiring.proof(switch).told_by(state);
+    let SwitchFeedback { outputs, feedback, opposite } = wiring.proof(switch).feedback_in(state);
     let agrees = if outputs { "as commanded" } else { "not as commanded" };
     let output_words = format!("the output {} is reported {agrees}", output.name());
     let name = output.feedback().name();

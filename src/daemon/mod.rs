@@ -126,7 +126,7 @@ pub use record_source::{RecordPdf, RecordSource};
 pub use recording::{FLOOR_MB, StoreRecord, keeper};
 pub use replay::{
     Difference, Played, Player, RECORDING_FLOOR_MB, Recorded, RecordedPort, Recording, RecordingPlan,
-    RecordingStatus, RecordingSwitch, free_mb, recording_file, recordings, too_full,
+    RecordingStatus, RecordingSwitch, disk_full_message, free_mb, recording_file, recordings,
 };
 pub use reply::{Exit, Reply};
 pub use request::{OwnText, PartNames, PreparedCycle, RecordIn, Request, RequestKind, StartRequest};

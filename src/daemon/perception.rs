@@ -248,7 +248,10 @@ impl Perception {
         let added = match filming.filming.push((cycle, &filming.panel), &picture, time_s) {
             Ok(added) => added,
             Err(error) => {
-                #[expect(clippy::let_underscore_must_use, reason = "nobody will ask for the next one")]
+                #[expect(
+                    clippy::let_underscore_must_use,
+                    reason = "the film is abandoned: no further picture will be requested"
+                )]
                 let _ = eyes.end_film();
                 return unseen(Kind::Inspect, pass, reason("film", &error), record).map(Err);
             }

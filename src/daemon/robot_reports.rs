@@ -25,11 +25,11 @@ impl Running<'_> {
     pub(super) fn on_report(&mut self, report: eki::Report) -> Result<(), DaemonError> {
         use eki::Report as R;
         match report {
-            R::Connected { state } | R::State(state) => self.hear_state(&state)?,
+            R::Connected { state } | R::State(state) => self.handle_state(&state)?,
             R::Rebooted { state } => {
                 (self.full_override, self.stood) = (None, None);
                 self.becomes(cycle::Robot::Restarted);
-                self.hear_state(&state)?;
+                self.handle_state(&state)?;
             }
             R::LinkLost { why } => {
                 (self.robot_state, self.full_override, self.stood) = (None, None, None);
@@ -83,7 +83,7 @@ impl Running<'_> {
         Ok(())
     }
 
-    fn hear_state(&mut self, state: &eki::State) -> Result<(), DaemonError> {
+    fn handle_state(&mut self, state: &eki::State) -> Result<(), DaemonError> {
         self.robot_state = Some(*state);
         self.follow(state)?;
         self.becomes(condition(state, self.cell.programs_sum));

@@ -25,7 +25,7 @@ impl RecipeText {
     ///
     /// # Errors
     /// If its text has changed since then.
-    pub fn decided_upon(self, sha256: &str) -> Result<Self, String> {
+    pub fn checked_against(self, sha256: &str) -> Result<Self, String> {
         let found = self.sha256();
         if sha256.trim().eq_ignore_ascii_case(&found) {
             return Ok(self);

@@ -170,7 +170,7 @@ fn serve(runtime: &Runtime, listener: &UnixListener, (gateway, role): (&Gateway,
             };
             match accepted {
                 Ok((stream, _)) => {
-                    let who = caller::at_socket(&stream);
+                    let who = caller::socket_peer(&stream);
                     let slot = slots.acquire(who.uid);
                     let rule = Rule { role, service_uid };
                     tokio::spawn(attend((stream, who), slot, gateway.clone(), rule));

@@ -67,7 +67,7 @@ pub(super) struct SwitchFeedback {
 
 impl Proof {
     /// Returns whether the state reports the outputs as set, and the feedbacks as they read in it.
-    pub(super) fn told_by(&self, state: &State) -> SwitchFeedback {
+    pub(super) fn feedback_in(&self, state: &State) -> SwitchFeedback {
         let read = |feedback: Option<(u32, bool)>| feedback.map(|(bit, _)| reads(state, bit));
         SwitchFeedback {
             outputs: state.outputs & self.outputs == self.outputs_on,
@@ -79,7 +79,7 @@ impl Proof {
     /// Returns whether this state proves the switch.
     pub(super) fn is_told(&self, state: &State) -> bool {
         let expected = |feedback: Option<(u32, bool)>| feedback.map(|(_, on)| on);
-        let told = self.told_by(state);
+        let told = self.feedback_in(state);
         told.outputs && told.feedback == expected(self.feedback) && told.opposite == expected(self.opposite)
     }
 }

@@ -153,7 +153,7 @@ pub enum StopCause {
 pub enum EchoMismatch {
     /// The controller does not report that the frame was set.
     #[error(
-        "the {frame} set by command {id} was executed, but the controller reports that none is set in this \
+        "command {id}, which sets the {frame}, was executed, but the controller reports that none is set in this \
              epoch"
     )]
     NotSet {

@@ -37,7 +37,7 @@ pub enum PoseError {
 /// If there is no complete pose, or it was printed with the verdict `reject`.
 pub fn read_located(bytes: &[u8]) -> Result<KukaPose, PoseError> {
     let key = "base_from_panel";
-    let printed: Option<Located> = named(bytes, key)?;
+    let printed: Option<Located> = parse_if_present(bytes, key)?;
     printed.map_or_else(|| bare(bytes, key), |printed| used(printed.base_from_panel, printed.verdict, key))
 }
 
@@ -47,7 +47,7 @@ pub fn read_located(bytes: &[u8]) -> Result<KukaPose, PoseError> {
 /// As [`read_located`].
 pub fn read_located_mm(bytes: &[u8]) -> Result<Option<f64>, PoseError> {
     read_located(bytes)?;
-    let printed: Option<Located> = named(bytes, "base_from_panel")?;
+    let printed: Option<Located> = parse_if_present(bytes, "base_from_panel")?;
     Ok(printed.and_then(|printed| printed.uncertainty_mm))
 }
 
@@ -57,7 +57,7 @@ pub fn read_located_mm(bytes: &[u8]) -> Result<Option<f64>, PoseError> {
 /// If there is no complete pose.
 pub fn read_flange(bytes: &[u8]) -> Result<KukaPose, PoseError> {
     let key = "base_from_flange";
-    let printed: Option<AtFlange> = named(bytes, key)?;
+    let printed: Option<AtFlange> = parse_if_present(bytes, key)?;
     printed.map_or_else(|| bare(bytes, key), |printed| used(printed.base_from_flange, None, key))
 }
 
@@ -75,7 +75,7 @@ pub struct ReportedFlange {
 /// # Errors
 /// As [`read_flange`].
 pub fn read_reported_flange(bytes: &[u8]) -> Result<ReportedFlange, PoseError> {
-    let printed: Option<AtFlange> = named(bytes, "base_from_flange")?;
+    let printed: Option<AtFlange> = parse_if_present(bytes, "base_from_flange")?;
     let joints = printed.and_then(|printed| printed.axes_deg).map(Joints::from);
     Ok(ReportedFlange { base_from_flange: read_flange(bytes)?, joints })
 }
@@ -110,7 +110,7 @@ struct AtFlange {
 }
 
 /// Reads the object that contains the key, `None` if the key is absent. Read twice, so that errors keep their line.
-fn named<'b, T: Deserialize<'b>>(bytes: &'b [u8], key: &'static str) -> Result<Option<T>, PoseError> {
+fn parse_if_present<'b, T: Deserialize<'b>>(bytes: &'b [u8], key: &'static str) -> Result<Option<T>, PoseError> {
     let text = |error: serde_json::Error| PoseError::Text { key, problem: error.to_string() };
     let value: serde_json::Value = serde_json::from_slice(bytes).map_err(text)?;
     value.get(key).map(|_| serde_json::from_slice(bytes)).transpose().map_err(text)

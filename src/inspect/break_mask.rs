@@ -36,7 +36,7 @@ const ALONG_REFLECTION: f64 = 0.25;
 const MIN_DISTINGUISHABLE_SHARE: f64 = 0.6;
 /// A pixel of a place that became film looks like at least this share of the film around it, and would be a break
 /// of less than this share …
-const ALIKE_AROUND: f64 = 0.35;
+const MIN_SIMILAR_SHARE_AROUND: f64 = 0.35;
 /// … and this share of the place's pixels looks like that film: the rest is the blurred rim of the place.
 const MAX_ALIKE_SHARE: f64 = 0.6;
 /// A place without a dry look broke if it changed by at least this share of the change by the faintest break; a
@@ -241,8 +241,8 @@ impl Place<'_> {
             let is_break_of = |film: f32| {
                 seen.break_to_film().is_none_or(|[least, most]| (least..=most).contains(&(look / film)))
             };
-            share_of(&|film| (look - film).abs() <= seen.alike_share() * film) >= ALIKE_AROUND
-                && share_of(&is_break_of) < ALIKE_AROUND
+            share_of(&|film| (look - film).abs() <= seen.alike_share() * film) >= MIN_SIMILAR_SHARE_AROUND
+                && share_of(&is_break_of) < MIN_SIMILAR_SHARE_AROUND
         };
         share(&own, is_film) >= MAX_ALIKE_SHARE
     }

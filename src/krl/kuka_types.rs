@@ -65,7 +65,7 @@ STRUC BASIS_SUGG_T CHAR POINT1[24],POINT2[24],CP_PARAMS[24],PTP_PARAMS[24],CONT[
 
 /// More of KUKA's own types, from machine data and from programs that KUKA delivers. Only their names are known:
 /// their components are not checked.
-const BY_NAME: [&str; 39] = [
+const NAME_ONLY_TYPES: [&str; 39] = [
     "ACC_CAR",
     "ADAP_ACC",
     "AXBOX",
@@ -109,7 +109,7 @@ const BY_NAME: [&str; 39] = [
 
 /// Returns whether KUKA has a type of this name with contents that are not known here.
 pub(super) fn is_known_by_name(name: &str) -> bool {
-    BY_NAME.binary_search(&name).is_ok()
+    NAME_ONLY_TYPES.binary_search(&name).is_ok()
 }
 
 /// Returns all of KUKA's types; files are checked with a copy of them.
@@ -166,7 +166,7 @@ mod tests {
         assert_eq!(components.filter(|component| component.kind == Type::Unknown).count(), 0);
         assert_eq!([types.size(types.own("E6POS")), types.size(types.own("STATE_T"))], [14, 65]);
         assert!(
-            BY_NAME.is_sorted() && BY_NAME.iter().all(|name| types.find(name, &[]).is_none()),
+            NAME_ONLY_TYPES.is_sorted() && NAME_ONLY_TYPES.iter().all(|name| types.find(name, &[]).is_none()),
             "one place for each"
         );
     }

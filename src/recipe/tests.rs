@@ -174,7 +174,7 @@ fn a_region_goes_round() {
     let with_corners = |corners: &str| {
         recipe_problems(&MINIMAL.replace("[[700, 350], [1250, 350], [1250, 850], [700, 850]]", corners))
     };
-    let round = "4: region.corners_px: the four corners must go round a convex region in order, none on a line";
+    let round = "4: region.corners_px: the four corners must go round a convex region in order, and no three of them may lie on one line";
     assert_eq!(with_corners("[[700, 350], [1250, 850], [1250, 350], [700, 850]]"), [round], "crossed");
     assert_eq!(with_corners("[[700, 350], [900, 350], [1250, 350], [700, 850]]"), [round], "on a line");
     assert_eq!(with_corners("[[700, 350], [800, 400], [1250, 350], [900, 850]]"), [round], "dented");

@@ -40,7 +40,10 @@ impl Reserve {
         let taken = rustix::fs::fallocate(&file, rustix::fs::FallocateFlags::empty(), 0, bytes);
         let taken = taken.map_err(std::io::Error::from).and_then(|()| file.sync_all());
         if taken.is_err() {
-            #[expect(clippy::let_underscore_must_use, reason = "half a reserve takes what others need")]
+            #[expect(
+                clippy::let_underscore_must_use,
+                reason = "a partial reserve would only occupy disk space that others need"
+            )]
             let _ = fs::remove_file(&self.path);
         }
         taken

@@ -214,7 +214,7 @@ impl Store {
                 hex(&at.hash)
             ),
             Ok(Some(hash)) if hash == at.hash => format!(
-                "{} writings at the end of the chain were put in by something else, links {} to {end}",
+                "{} entries at the end of the chain were added by something other than this program, links {} to {end}",
                 end - at.link,
                 at.link + 1
             ),

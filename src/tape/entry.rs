@@ -112,7 +112,7 @@ pub struct Armed {
 
 /// Entries of one topic that could not be recorded.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Lost {
+pub struct LostEntries {
     /// The topic.
     pub topic: Topic,
     /// Time of the first lost entry, ns since the recording began.
@@ -125,7 +125,7 @@ pub struct Lost {
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Ending {
     /// Entries that were not recorded: a recording with lost entries is incomplete.
-    pub lost: Vec<Lost>,
+    pub lost: Vec<LostEntries>,
     /// Why it ends before the cycle, if it does.
     pub stopped: Option<String>,
 }

@@ -32,7 +32,7 @@ mod write;
 mod tests;
 
 pub use check::{Checked, check};
-pub use entry::{Armed, Begin, Ending, Entry, Lost, Shot, Start};
+pub use entry::{Armed, Begin, Ending, Entry, LostEntries, Shot, Start};
 pub use entry_text::{Lens, Mounted};
 pub use error::TapeError;
 pub use format::{FORMAT, OLDEST_FORMAT};

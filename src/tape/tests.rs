@@ -209,7 +209,7 @@ fn a_gap_is_named_with_its_topic_and_time() {
         "{error}"
     );
 
-    let lost = |topic, from_ms: u64| Lost { topic, from_ns: from_ms * 1_000_000, count: 3 };
+    let lost = |topic, from_ms: u64| LostEntries { topic, from_ns: from_ms * 1_000_000, count: 3 };
     let lost = vec![lost(Topic::Report, 900), lost(Topic::Camera, 250)];
     let ending = Ending { lost, stopped: None };
     let error = check(&written(&entries(), &ending)[..]).expect_err("it says so itself");

@@ -1,7 +1,7 @@
 //! Converts entries to bytes. Bytes are only appended, chunk by chunk, so that after a crash the recording is valid
 //! up to its last complete chunk.
 
-use super::entry::{Ending, Entry, Lost, Shot, Start};
+use super::entry::{Ending, Entry, LostEntries, Shot, Start};
 use super::entry_text::{FLANGE_FRAME, Lens, Mounted, SCANNER_FRAME, Shown, UNITS, shown};
 use super::error::TapeError;
 use super::format::{END, FORMAT, METADATA, START};
@@ -122,7 +122,7 @@ impl<W: Write> Writer<W> {
     pub fn finish(mut self, ending: &Ending) -> Result<W, TapeError> {
         let counts: BTreeMap<&str, u64> =
             self.channels.iter().map(|(topic, channel)| (topic.name(), channel.written)).collect();
-        let lost = |lost: &Lost| json!([lost.topic.name(), lost.from_ns, lost.count]);
+        let lost = |lost: &LostEntries| json!([lost.topic.name(), lost.from_ns, lost.count]);
         let lost: Vec<_> = ending.lost.iter().map(lost).collect();
         let ended = [("entries", json!(counts).to_string()), ("lost", json!(lost).to_string())];
         let stopped = ending.stopped.iter().map(|why| ("stopped", why.clone()));

@@ -23,7 +23,7 @@ const RIDGE: f64 = 1e-6;
 const BLOCK_MM: f64 = 0.05;
 
 /// A scan after its plane was removed by projection.
-pub(super) struct Fit {
+pub(super) struct ProjectedScan {
     design: DMatrix<f64>,
     read_mm: DVector<f64>,
     information: DMatrix<f64>,
@@ -44,9 +44,9 @@ pub(super) struct LeftOut {
     pub residuals_mm: Vec<Vec<f64>>,
 }
 
-impl Fit {
+impl ProjectedScan {
     /// Returns `None` if the blocks determine no plane.
-    pub fn from_view(view: &PlaneView, over: &FieldRectangle) -> Option<Fit> {
+    pub fn from_view(view: &PlaneView, over: &FieldRectangle) -> Option<ProjectedScan> {
         let count = view.blocks.len();
         let own = plane::fit(view.blocks.iter().map(|block| (block.direction, block.per_depth)))?;
         let mut design = DMatrix::zeros(count, SIZE);
@@ -66,7 +66,7 @@ impl Fit {
         let planes = Projection::out_of(plane::depths(&view.blocks));
         let (read_mm, design) = (planes.left(&read_mm).column(0).into_owned(), planes.left(&design));
         let (information, right) = (design.transpose() * &design, design.transpose() * &read_mm);
-        Some(Fit { design, read_mm, information, right })
+        Some(ProjectedScan { design, read_mm, information, right })
     }
 
     fn residuals_mm(&self, solved: Option<&Solved>) -> Vec<f64> {
@@ -78,7 +78,7 @@ impl Fit {
 }
 
 /// Returns the field that fits the scans best, with this weight of the field's roughness.
-pub(super) fn solve<'a>(fits: impl IntoIterator<Item = &'a Fit>, lambda: f64) -> Option<Solved> {
+pub(super) fn solve<'a>(fits: impl IntoIterator<Item = &'a ProjectedScan>, lambda: f64) -> Option<Solved> {
     let mut information = penalty(lambda);
     let mut right = DVector::zeros(SIZE);
     for fit in fits {
@@ -94,7 +94,7 @@ pub(super) fn solve<'a>(fits: impl IntoIterator<Item = &'a Fit>, lambda: f64) ->
 }
 
 /// Predicts each scan from the others; without a weight, no field is used.
-pub(super) fn left_out(fits: &[Fit], lambda: Option<f64>) -> Option<LeftOut> {
+pub(super) fn left_out(fits: &[ProjectedScan], lambda: Option<f64>) -> Option<LeftOut> {
     let residuals_mm: Vec<Vec<f64>> = match lambda {
         None => fits.iter().map(|fit| fit.residuals_mm(None)).collect(),
         Some(lambda) => (0..fits.len())

@@ -35,7 +35,7 @@ pub use plane_view::{BoardScan, PlaneView};
 
 use super::error::CalibError;
 use crate::geometry::{Camera, DepthField, FieldRectangle, PinholeCamera, Pixel};
-use field::Fit;
+use field::ProjectedScan;
 
 /// Returns the directions of a camera's whole picture; `None` if its corners have no ray.
 pub fn rectangle(camera: &PinholeCamera) -> Option<FieldRectangle> {
@@ -69,8 +69,8 @@ pub fn measure(views: &[PlaneView], over: FieldRectangle) -> Result<ScannerError
         return Err(CalibError::Points(message));
     }
     let none = || CalibError::Points("the boards in the scans have too few points for a fit".to_owned());
-    let fits: Vec<Fit> =
-        views.iter().map(|view| Fit::from_view(view, &over)).collect::<Option<_>>().ok_or_else(none)?;
+    let fits: Vec<ProjectedScan> =
+        views.iter().map(|view| ProjectedScan::from_view(view, &over)).collect::<Option<_>>().ok_or_else(none)?;
     let plain = field::left_out(&fits, None).ok_or_else(none)?;
     let best = field::LAMBDAS
         .iter()

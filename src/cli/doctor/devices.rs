@@ -110,7 +110,7 @@ fn robot(cell: &Cell, sum: Option<i32>) -> Check {
     let place = format!("{host}, ports {} and {}", ports.0, ports.1);
     let (mut link, _) = match live::robot_alone(cell) {
         Ok(alone) => alone,
-        Err(fault) => return Check::wrong("robot", fault.to_string(), "mend [robot] in the cell's file"),
+        Err(fault) => return Check::wrong("robot", fault.to_string(), "correct [robot] in the cell's file"),
     };
     match Single::connect(&mut link, cell.arm()) {
         Ok(single) => {

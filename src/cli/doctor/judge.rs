@@ -52,7 +52,8 @@ pub(super) fn clock_is_kept(kept: Option<bool>) -> Check {
 pub(super) fn clock_behind(written_unix_s: i64, now_unix_s: i64) -> Check {
     let ahead_s = written_unix_s - now_unix_s;
     if ahead_s > CLOCK_TOLERANCE_S {
-        let found = format!("the store was last written {:.1} h ahead of now", ahead_s as f64 / 3600.0);
+        let found =
+            format!("the store's last entry is {:.1} h ahead of the computer's clock", ahead_s as f64 / 3600.0);
         return Check::wrong("clock beside the store", found, "set the computer's clock: `timedatectl`");
     }
     Check::right("clock beside the store", format!("last written {:.1} h ago", -ahead_s as f64 / 3600.0))

@@ -62,7 +62,7 @@ fn found(tool: &CompliantTool, last: Option<Reading>, lost: Option<Loss>) -> Che
         return Check::wrong(NAME, format!("{place}: {why}"), advice);
     };
     let says = format!(
-        "{place}: speaks; reads {} N, is {} mm out of {} mm",
+        "{place}: responds; force {} N, extended by {} mm of {} mm",
         fixed(reading.force_n, 1),
         fixed(reading.position_mm, 1),
         fixed(tool.stroke_mm, 1)
@@ -101,7 +101,7 @@ mod tests {
         let there = cell(server.address().port());
         let right = check(&there, false).expect("looked at");
         assert!(
-            right.is_right() && right.found.contains("speaks; reads") && right.found.contains("out of 30.0 mm"),
+            right.is_right() && right.found.contains("responds; force") && right.found.contains("of 30.0 mm"),
             "{right:?}"
         );
         assert!(

@@ -32,7 +32,7 @@ pub enum TeachingFault {
     )]
     NoCorner,
     /// More corner pictures than corners were taught.
-    #[error("{found} corner pictures, but {taught} corners were taught of this panel; teach them with --corner")]
+    #[error("{found} corner pictures, but {taught} corners of this panel were taught; teach them with --corner")]
     CornersNotTaught {
         /// Pictures named.
         found: usize,
@@ -55,7 +55,9 @@ pub enum TeachingFault {
         version: String,
     },
     /// A taught corner picture in the store that cannot be used for measurements.
-    #[error("the corner picture {number} that was taught: {cause}; then teach the panel again with it")]
+    #[error(
+        "the taught corner picture {number} cannot be used: {cause}; correct this, then teach the panel again with the new picture"
+    )]
     TaughtCorner {
         /// Which, from 1.
         number: usize,

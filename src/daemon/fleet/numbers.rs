@@ -164,7 +164,7 @@ fn compared((title, unit): (&str, &str), cells: &[CellNumbers]) -> Markup {
             h2 { (title) @if !unit.is_empty() { " [" (unit) "]" } }
             @if cells.is_empty() { p { "There are no values." } } @else {
                 div.scroll tabindex="0" { table {
-                    thead { tr { th { "Cell" } th { "Values" } th { "Mean" } th { "Standard deviation" } th { "Mean of the last " (LATE) } th { "Drift" } th { "Share of the limit, last" } } }
+                    thead { tr { th { "Cell" } th { "Values" } th { "Mean" } th { "Standard deviation" } th { "Mean of the last " (LATE) } th { "Drift" } th { "Last value, % of its limit" } } }
                     tbody { @for cell in cells { (row(cell)) } }
                 } }
             }

@@ -156,7 +156,7 @@ impl LineParts {
         let Line { serial, order, operator, .. } = self.line.clone();
         let wanted = recipe.as_ref().map_err(|problem| again(problem))?;
         let now = self.recipe().await?;
-        let RecipeText { name, text } = now.decided_upon(&wanted.sha256()).map_err(|problem| again(&problem))?;
+        let RecipeText { name, text } = now.checked_against(&wanted.sha256()).map_err(|problem| again(&problem))?;
         let part = Some(PartNames { serial, order, operator });
         Ok(RequestKind::Start(StartRequest {
             recipe: name,

@@ -189,7 +189,7 @@ impl Calls {
         let setup = self.front.setup.clone();
         let read = tokio::task::spawn_blocking(move || setup.recipe(&recipe));
         let recipe = read.await.map_err(|error| format!("the recipe could not be read: {error}"))??;
-        let recipe = recipe.decided_upon(&sha256)?;
+        let recipe = recipe.checked_against(&sha256)?;
         let some = |name: String| Some(name).filter(|name| !name.is_empty());
         let operator = match caller {
             Caller::Person { printed_name, .. } => Some(printed_name.clone()),

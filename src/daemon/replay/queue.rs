@@ -8,7 +8,7 @@
 use super::super::computing::NICE;
 use super::super::recording::FLOOR_MB;
 use crate::supervision::Supervised;
-use crate::tape::{Ending, Entry, Lost, Shot, TapeError, Topic, Writer};
+use crate::tape::{Ending, Entry, LostEntries, Shot, TapeError, Topic, Writer};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::VecDeque;
@@ -72,7 +72,7 @@ struct Inside {
     /// The loop's clock at the beginning of the recording, and the time since then.
     origin_ns: Option<u64>,
     now_ns: u64,
-    lost: Vec<Lost>,
+    lost: Vec<LostEntries>,
     /// The disk has hung once.
     hung: bool,
     /// No more entries will come.
@@ -310,7 +310,7 @@ impl Inside {
     fn lose(&mut self, topic: Topic, from_ns: u64) {
         match self.lost.iter_mut().find(|lost| lost.topic == topic) {
             Some(lost) => lost.count += 1,
-            None => self.lost.push(Lost { topic, from_ns, count: 1 }),
+            None => self.lost.push(LostEntries { topic, from_ns, count: 1 }),
         }
     }
 
@@ -359,7 +359,7 @@ impl Shared {
             Ok(free_mb) if free_mb >= RECORDING_FLOOR_MB => return true,
             Ok(free_mb) => free_mb,
         };
-        self.lock().stop(too_full(free_mb));
+        self.lock().stop(disk_full_message(free_mb));
         self.changed.notify_all();
         false
     }
@@ -401,7 +401,7 @@ fn size_of(value: &Value) -> usize {
 }
 
 /// Returns why nothing is recorded on a disk with this free space.
-pub fn too_full(free_mb: u64) -> String {
+pub fn disk_full_message(free_mb: u64) -> String {
     format!("its disk has {free_mb} MB left, and a recording ends below {RECORDING_FLOOR_MB} MB; make room")
 }
 

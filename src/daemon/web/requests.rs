@@ -144,7 +144,7 @@ pub(super) async fn start(
 ) -> Response {
     let source = web.front.setup.clone();
     let named = recipe.clone();
-    let text = blocking(move || source.recipe(&named)?.decided_upon(&sha256)).await;
+    let text = blocking(move || source.recipe(&named)?.checked_against(&sha256)).await;
     let text = match text {
         Some(Ok(text)) => text,
         Some(Err(problem)) => {

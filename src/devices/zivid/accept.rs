@@ -50,7 +50,7 @@ pub fn accept(taken: &ShotInfo, sum: u32, asked: &ExpectedShot) -> Result<(), Zi
     }
     if taken.settings != asked.settings {
         let message = format!(
-            "a shot by settings {} was received, settings {} were requested",
+            "a shot with settings {} was received, but settings {} were requested",
             taken.settings, asked.settings
         );
         return Err(ZividFault::Settings { what: "the settings of the received shot", message });

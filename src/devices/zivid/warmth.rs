@@ -79,8 +79,7 @@ impl std::fmt::Display for Warmth {
             }
             Warmth::Unclear { rise_c_per_min, error_c_per_min } => write!(
                 f,
-                "whether it is warm is not clear: its temperature changes by {rise_c_per_min:.2} ± {error_c_per_min:.2} °C a \
-                 minute, and {LIMIT_C_PER_MIN} at most is warm"
+                "it is not clear whether it is warm: its temperature changes by {rise_c_per_min:.2} ± {error_c_per_min:.2} °C a minute; it counts as warm at {LIMIT_C_PER_MIN} °C a minute or less"
             ),
             Warmth::NotFollowed { followed_s } => write!(
                 f,

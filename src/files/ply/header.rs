@@ -105,7 +105,7 @@ impl Header {
                 }
             }
             ["property", ..] if self.elements > 1 => {}
-            ["property", "list", ..] => return Err("a vertex has no lists"),
+            ["property", "list", ..] => return Err("list properties of a vertex are not supported"),
             ["property", kind, name] if self.elements == 1 => {
                 let number = Number::named(kind).ok_or("allowed types are char … double and int8 … float64")?;
                 if self.properties.iter().any(|(known, _)| known == name) {

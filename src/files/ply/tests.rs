@@ -81,7 +81,7 @@ fn each_refusal_names_the_place_what_was_found_and_what_is_allowed() {
         (good().replace("vertex 4", "face 4"), "the first element must be vertex"),
         (good().replace("float y", "float x"), "line 6, 'property float x': this property already exists"),
         (good().replace("float y", "real y"), "line 6, 'property real y': allowed types"),
-        (good().replace("float y", "list uchar int y"), "a vertex has no lists"),
+        (good().replace("float y", "list uchar int y"), "list properties of a vertex are not supported"),
         (good().replace("float y", "int y"), "field y: found another type; valid: float or double"),
         (good().replace("uchar blue", "float blue"), "field blue: found another type; valid: uchar"),
         (good().replace("uchar red", "uchar alpha"), "field red: found none; valid: uchar; export"),

@@ -72,7 +72,10 @@ pub(in crate::recipe) fn parse_region(section: &Section<'_, '_>) -> Option<Regio
     let region = Region::parse(section)?;
     let turns: Vec<f64> = (0..4).map(|i| turn_at(&region.corners_px(), i)).collect();
     if !(turns.iter().all(|turn| *turn > 1.0) || turns.iter().all(|turn| *turn < -1.0)) {
-        section.problem("corners_px", "the four corners must go round a convex region in order, none on a line");
+        section.problem(
+            "corners_px",
+            "the four corners must go round a convex region in order, and no three of them may lie on one line",
+        );
         return None;
     }
     Some(region)

@@ -43,7 +43,7 @@ fn read_answer(poses: &FlangePoses<'_>, may_be_axis: bool) -> Result<PoseAnswer,
         if let Some(flange) = poses.known_or_asked(before, None)? {
             return Ok(PoseAnswer::Here(flange));
         }
-        tell("Press Enter again when the arm is at rest; write done when these are enough.");
+        tell("Press Enter again when the arm is at rest; type done when there are enough poses.");
     }
 }
 

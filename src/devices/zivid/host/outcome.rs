@@ -51,7 +51,7 @@ impl Loss {
 pub(super) fn name(answer: &Answer) -> String {
     match answer {
         Answer::Words(_) => "it answered something else".to_owned(),
-        Answer::Scan(..) => "it answered by a 3D shot".to_owned(),
-        Answer::Picture(..) => "it answered by a picture".to_owned(),
+        Answer::Scan(..) => "it answered with a 3D shot".to_owned(),
+        Answer::Picture(..) => "it answered with a picture".to_owned(),
     }
 }
