@@ -13,6 +13,7 @@ mod doctor;
 mod follow;
 mod fuzz;
 mod gauntlet;
+mod glossary;
 mod health;
 mod hostile;
 mod inputs;
