@@ -375,9 +375,7 @@ fn planted_dialect_is_found() {
 fn the_page_of_measured_numbers_is_one_short_table() {
     let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/bench/README.md");
     let page = fs::read_to_string(page).expect("the page");
-    let head = "| Figure | Goal | Measured | Command | Commit |";
-    let table: Vec<&str> =
-        page.lines().skip_while(|line| *line != head).skip(2).take_while(|line| line.starts_with('|')).collect();
+    let table = super::figures_rows::rows(&page);
     assert!((1..=60).contains(&table.len()), "{} rows, at most 60: replace a row of the same figure", table.len());
     for row in table {
         let cells: Vec<&str> = row.trim_matches('|').split(" | ").map(str::trim).collect();
