@@ -228,7 +228,8 @@ fn judged(
         left_out_rms_px: (left_out_square / left_out.len() as f64).sqrt(),
         left_out_95_px: left_out[((left_out.len() as f64 * 0.95).ceil() as usize).clamp(1, left_out.len()) - 1],
         deviations: std::array::from_fn(|index| covariance[(index, index)].sqrt()),
-        // Where no corner was, a lens model is an extrapolation; there its polynomial may be off by pixels.
+        // In parts of the picture without corners a lens model is an extrapolation, whose polynomial may be off by
+        // pixels.
         support: lens_support::support(&found.camera, &covariance, &corners),
         covariance,
         views: views.collect(),

@@ -333,7 +333,7 @@ impl Flow {
     /// Measures a line that starts at the arm's position from there, for its duration.
     fn measure_start(&mut self, state: &State) {
         let is_seen = |frame: &FrameEcho| frame.last().is_some_and(|last| frame.is_confirmed(last));
-        // Only an arm at rest in confirmed frames is where the state says; a moving one is already farther on.
+        // Only an arm at rest in confirmed frames is at the reported pose; a moving one is already farther on.
         if !self.is_busy() && is_seen(&self.base) && is_seen(&self.tool) {
             self.end = Some(state.base_from_tcp);
         }
