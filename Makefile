@@ -3,7 +3,7 @@
 PACKAGES := build-essential pkg-config libopencv-dev clang libclang-dev libaravis-dev libusb-1.0-0-dev
 DEMO_OUT := target/demo
 
-.PHONY: browser preflight sparkplug-peers opcua-peer deny mutants fuzz bench-damage package package-test zivid zivid-stub help setup demo demo-plant test test-rest test-long fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-wrong-inputs bench-real bench-surface bench-locate bench-worker bench-cameras bench-recording bench-manual bench-world bench-history bench-removal bench-tool-faults bench-office bench-soak bench-cable bench-mutations
+.PHONY: browser preflight sparkplug-peers opcua-peer deny mutants fuzz bench-damage package package-test zivid zivid-stub help setup demo demo-plant test test-rest test-long fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-wrong-inputs bench-real bench-surface bench-locate bench-worker bench-cameras bench-recording bench-manual bench-world bench-history bench-removal bench-tool-faults bench-office bench-soak bench-cable bench-mutations bench-table
 
 help:
 	@echo 'make demo    run a whole cycle on the simulated cell, write $(DEMO_OUT)/index.html'
@@ -12,7 +12,7 @@ help:
 	@echo 'make test-rest  the long tests of tests/long.txt, which make test leaves out; CI runs both'
 	@echo 'make test-long  test-rest, more random walks, and the tests that take minutes'
 	@echo 'make package a Debian package for the system of this machine; make package-test installs, upgrades and purges it in a folder'
-	@echo 'make bench   the sweeps behind the numbers in tests/bench/README.md; one part alone: make bench-seeds, bench-robots, bench-locate, bench-inspect, bench-damage, bench-link, bench-calib, bench-wrong-inputs, bench-surface, bench-worker, bench-cameras, bench-recording, bench-manual, bench-world, bench-history, bench-removal, bench-tool-faults, bench-office. Not part of it, since they run by the wall clock or for hours: make bench-cable, bench-soak, bench-mutations'
+	@echo 'make bench   the sweeps behind the numbers in tests/bench/README.md, and their table there; one part alone: make bench-seeds, bench-robots, bench-locate, bench-inspect, bench-damage, bench-link, bench-calib, bench-wrong-inputs, bench-surface, bench-worker, bench-cameras, bench-recording, bench-manual, bench-world, bench-history, bench-removal, bench-tool-faults, bench-office. Not part of it, since they run by the wall clock or for hours: make bench-cable, bench-soak, bench-mutations. After a single part: make bench-table'
 	@echo 'make deny    licences, duplicates, sources and known faults of all crates; make mutants: changes of the code that no test detects'
 	@echo 'make fuzz    search for bytes that break a reader, SECONDS=60 each; only one: make fuzz-krl SECONDS=600'
 	@echo 'make zivid   build the Zivid camera library; the SDK must be installed'
@@ -204,7 +204,23 @@ $(ZIVID_STUB): $(shell find $(ZIVID) -name '*.h' -o -name '*.cpp')
 	$(ZIVID_BUILD) -Werror -I$(ZIVID)/stub $(ZIVID)/panelprep_zivid.cpp $(ZIVID)/stub/play.cpp -o $@.new
 	mv $@.new $@
 
-bench: bench-seeds bench-robots bench-locate bench-inspect bench-damage bench-link bench-calib bench-wrong-inputs bench-surface bench-worker bench-cameras bench-recording bench-manual bench-world bench-history bench-removal bench-tool-faults bench-office
+# The benches add their figures to this file, whose name is the measured commit; make bench-table writes them into the table of
+# tests/bench/README.md, and never those of another commit. That page itself is no change of what is measured.
+BENCH_CHANGES = $(shell git diff --quiet HEAD -- . ':!tests/bench/README.md' 2>/dev/null || echo ' with changes')
+GOALS = $(abspath $(BUILT))/goals/$(shell git rev-parse --short HEAD)$(BENCH_CHANGES).txt
+bench bench-%: export GOALS := $(GOALS)
+
+# A part that misses a goal, or cannot run, does not keep the others from running; the table is written after each part.
+BENCHES := bench-seeds bench-robots bench-locate bench-inspect bench-damage bench-link bench-calib bench-wrong-inputs bench-surface bench-worker bench-cameras bench-recording bench-manual bench-world bench-history bench-removal bench-tool-faults bench-office
+bench: setup
+	@failed=''; for part in $(BENCHES); do \
+	  $(MAKE) -k $$part || failed="$$failed $$part"; \
+	  $(MAKE) bench-table || failed="$$failed $$part:bench-table"; \
+	done; \
+	test -z "$$failed" || { echo "These parts missed a goal or did not run:$$failed" >&2; exit 1; }
+
+bench-table:
+	@cargo bench --locked --quiet --bench table
 
 # Every command of the manual, from the package to a cell in daily work, over the devices' real interfaces and in real time.
 bench-manual: setup
@@ -239,8 +255,13 @@ bench-worker: setup zivid-stub
 
 # The robot link: rates, time from a lost acknowledgement to STOP, long paths: about five minutes. Then 200,000 walks over the
 # controller's programs: more than an hour on two idle cores; fewer: cargo bench --locked --bench link -- programs 5000
-bench-link: setup
+.PHONY: bench-link-walks bench-link-rates
+bench-link: bench-link-walks bench-link-rates
+
+bench-link-walks: setup
 	LINK_WALKS=20000 cargo test --locked --test all -- no_walk_violates_a_rule
+
+bench-link-rates: setup
 	cargo bench --locked --bench link
 
 # The search over ten thousand cycles: every kind of query within 100 ms at its 95th percentile.
@@ -255,8 +276,13 @@ bench-office: setup
 # cargo bench --locked --bench world -- seed=N, or seed=N script='[…]' as a failing one prints it. Then `KILLS` processes that are killed.
 WORLDS := 20000
 KILLS := 10000
-bench-world: setup
+.PHONY: bench-world-seeds bench-world-kills
+bench-world: bench-world-seeds bench-world-kills
+
+bench-world-seeds: setup
 	RAYON_NUM_THREADS=1 cargo bench --locked --bench world -- seeds=$(WORLDS)
+
+bench-world-kills: setup
 	RAYON_NUM_THREADS=1 cargo bench --locked --bench world -- kills=$(KILLS)
 
 # A service with page, clients and recordings for two hours by the wall clock, so it is not in `bench`; a shorter run:
@@ -296,11 +322,20 @@ bench-wrong-inputs: setup
 
 # Calibrations compared with the renderer's truth and on a real camera's pictures, simulated arms, and boards in poor pictures compared with
 # OpenCV's detectors; only the last two: cargo bench --bench arms, cargo bench --bench boards.
-bench-calib: setup
+.PHONY: bench-calib-tests bench-calib-mounts bench-calib-arms bench-calib-boards
+bench-calib: bench-calib-tests bench-calib-mounts bench-calib-arms bench-calib-boards
+
+bench-calib-tests: setup
 	@$(MAKE) $(OPENCV_DOC) || echo 'opencv-doc could not be fetched; its pictures are skipped' >&2
-	cargo test --locked --test all -- --nocapture real_pictures
+	cargo test --locked --test all -- --nocapture real_pictures a_bent_scanner_is_straightened
+
+bench-calib-mounts: setup
 	cargo bench --locked --bench calib
+
+bench-calib-arms: setup
 	cargo bench --locked --bench arms
+
+bench-calib-boards: setup
 	cargo bench --locked --bench boards
 
 # Public pictures of real boards and robots: opencv-doc, and a copy of ros-industrial/industrial_calibration (Apache-2.0) by

@@ -10,9 +10,15 @@ mod commands;
 mod complete;
 mod config_files;
 mod doctor;
+mod figures;
+#[path = "bench/table/rows.rs"]
+mod figures_rows;
 mod follow;
 mod fuzz;
 mod gauntlet;
+mod glossary;
+#[path = "bench/goal.rs"]
+mod goal;
 mod health;
 mod hostile;
 mod inputs;

@@ -116,7 +116,7 @@ impl<'ast> Visit<'ast> for Texts {
 }
 
 /// Returns each file below `src` with its texts, without what is compiled for tests alone.
-fn texts() -> Vec<(String, Vec<String>)> {
+pub fn texts() -> Vec<(String, Vec<String>)> {
     let (mut left_out, mut files) = (BTreeSet::new(), Vec::new());
     for (name, source) in sources().iter().filter_map(|(name, source)| Some((name.strip_prefix("src/")?, source))) {
         let path = PathBuf::from(name);
@@ -249,7 +249,7 @@ const COMMENT_LINE: usize = 130;
 const SUBJECT: usize = 72;
 
 /// Returns the terms of a list that are in a text, as whole words; the names of placeholders do not count.
-fn dialect<'l>(text: &str, list: &'l [(&'l str, &'l str)]) -> impl Iterator<Item = &'l (&'l str, &'l str)> {
+pub fn dialect<'l>(text: &str, list: &'l [(&'l str, &'l str)]) -> impl Iterator<Item = &'l (&'l str, &'l str)> {
     let without: String = text.split('{').map(|part| part.split_once('}').map_or(part, |(_, rest)| rest)).collect();
     let words: Vec<String> = without
         .split(|c: char| !c.is_alphanumeric() && c != '_')
@@ -266,7 +266,7 @@ fn refused(file: &str, text: &str, list: &[(&str, &str)]) -> Vec<String> {
 }
 
 /// Returns the comments of a file, each paragraph as one text, because a phrase may be broken over two lines.
-fn comments(source: &str) -> Vec<String> {
+pub fn comments(source: &str) -> Vec<String> {
     let (mut found, mut current) = (Vec::new(), String::new());
     for line in source.lines() {
         match line.trim_start().strip_prefix("//") {
@@ -283,7 +283,7 @@ fn comments(source: &str) -> Vec<String> {
 }
 
 /// Returns all Rust files below `src` and `tests`, each with its path relative to the project's root and its text.
-fn sources() -> Vec<(String, String)> {
+pub fn sources() -> Vec<(String, String)> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let (mut folders, mut files) = (vec![root.join("src"), root.join("tests")], Vec::new());
     while let Some(folder) = folders.pop() {
@@ -375,9 +375,7 @@ fn planted_dialect_is_found() {
 fn the_page_of_measured_numbers_is_one_short_table() {
     let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/bench/README.md");
     let page = fs::read_to_string(page).expect("the page");
-    let head = "| Figure | Goal | Measured | Command | Commit |";
-    let table: Vec<&str> =
-        page.lines().skip_while(|line| *line != head).skip(2).take_while(|line| line.starts_with('|')).collect();
+    let table = super::figures_rows::rows(&page);
     assert!((1..=60).contains(&table.len()), "{} rows, at most 60: replace a row of the same figure", table.len());
     for row in table {
         let cells: Vec<&str> = row.trim_matches('|').split(" | ").map(str::trim).collect();

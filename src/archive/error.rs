@@ -5,7 +5,7 @@ use crate::store::StoreError;
 use crate::trust::TrustError;
 use std::path::{Path, PathBuf};
 
-/// ChunkOwner went wrong at the archive.
+/// What went wrong at the archive.
 #[derive(Debug, thiserror::Error)]
 pub enum ArchiveError {
     /// The database cannot be reached, or refuses the connection.
@@ -19,7 +19,7 @@ pub enum ArchiveError {
     /// The database refused something.
     #[error("the database: cannot {doing}: {problem}")]
     Database {
-        /// ChunkOwner was tried.
+        /// What was tried.
         doing: &'static str,
         /// PostgreSQL's message.
         problem: String,
@@ -55,7 +55,7 @@ pub enum ArchiveError {
     /// A file refused.
     #[error("cannot {doing} {}: {source}", path.display())]
     File {
-        /// ChunkOwner was tried.
+        /// What was tried.
         doing: &'static str,
         /// The file.
         path: PathBuf,

@@ -2,7 +2,7 @@
 
 use crate::trust::TrustError;
 
-/// ChunkOwner went wrong at the broker.
+/// What went wrong at the broker.
 #[derive(Debug, thiserror::Error)]
 pub enum BrokerError {
     /// A file that belongs to the broker cannot be used.
@@ -37,7 +37,7 @@ pub enum BrokerError {
     Failed {
         /// Its address.
         address: String,
-        /// ChunkOwner was tried.
+        /// What was tried.
         doing: &'static str,
         /// The broker's message.
         problem: String,

@@ -124,6 +124,8 @@ pub(super) fn adjust<A: Arrangement>(
         }
         let step = Step::solve(&grams, &state.deviations, &noise).ok_or_else(|| unsettled.clone())?;
         let moved = step.apply(&grams, &mut state);
+        // Estimated with the unknowns, since neither the robot's repeatability nor the corners' noise in these pictures
+        // is known beforehand.
         let estimated = if given.is_some() { noise } else { step.noise(&grams, &state.deviations, &noise) };
         let steady = |old: f64, new: f64| (new / old - 1.0).abs() < 2e-3;
         let is_steady = steady(noise.corner, estimated.corner)
@@ -168,6 +170,8 @@ impl Step {
         for (gram, deviation) in grams.iter().zip(deviations) {
             let inverse = (gram.flange() + prior).cholesky()?.inverse();
             let pull = gram.gradient.fixed_rows::<6>(12) - prior * log(deviation);
+            // The flange's deviation of each pose is eliminated at once: with it as an unknown the matrix would grow by
+            // six for each picture.
             normal += gram.both() - gram.cross() * inverse * gram.cross().transpose();
             gradient += gram.gradient.fixed_rows::<12>(0) - gram.cross() * inverse * pull;
             flange_inverse.push(inverse);
@@ -249,6 +253,7 @@ where
     DefaultAllocator: Allocator<D, D> + Allocator<D>,
 {
     let (rows, columns) = normal.shape_generic();
+    // Radians and millimetres differ by a thousand; unscaled, the decomposition loses the digits of the smaller ones.
     let scale = normal.diagonal().map(|entry| if entry > 0.0 { entry.sqrt().recip() } else { f64::NAN });
     let scaled =
         OMatrix::from_fn_generic(rows, columns, |row, column| normal[(row, column)] * scale[row] * scale[column]);

@@ -83,9 +83,12 @@ impl Reasons {
         found: &Rigid<A::To, A::From>,
         question: &str,
     ) {
+        // A mount that was not measured by hand is no contradiction; `no_rough` asks for it.
         let Some(rough) = rough else { return };
         let mm = rough.distance_at_mm(*found, Point::at(0.0, 0.0, 0.0));
         let deg = (rough.inverse() * *found).turn().0;
+        // Wide limits: a tape measures to some 100 mm, and what this must find, a tool or a base in the poses, moves
+        // the mount by more.
         if mm > ROUGH_MM || deg > ROUGH_DEG {
             let ([mm, allowed_mm], [deg, allowed_deg]) = (apart(mm, ROUGH_MM, 0), apart(deg, ROUGH_DEG, 0));
             let message = format!(
@@ -273,6 +276,7 @@ pub fn hand_eye<A: Arrangement>(
     }
     if let Some(second) = second {
         let away = apart_mm(found, second);
+        // Squares add up, because pictures and 3D points have independent errors.
         let allowed = found.uncertainty_mm.hypot(second.uncertainty_mm);
         if away.is_nan() || away > 2.0 * allowed {
             let [away_words, allowed_words] = apart(away, 2.0 * allowed, 3);

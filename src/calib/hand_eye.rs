@@ -155,6 +155,8 @@ pub fn hand_eye<A: Arrangement>(
     let [origin, right, far, low] = board.outer_corners();
     let rim: Vec<_> =
         [origin, right, far, low].iter().filter_map(|&(column, row)| board.corner(column, row)).collect();
+    // Other readings are tried only after the poses as written fit nothing: a wrong reading can fit a few poses by
+    // chance.
     let start = consensus::start::<A>(&moved, &seen, &rim).map_err(|error| match error {
         CalibError::NoConsensus { poses: count, median_mm, .. } => {
             let readings = readings::fitting::<A>(camera, board, stations, &poses);
@@ -172,9 +174,12 @@ pub fn hand_eye<A: Arrangement>(
     let all = All { camera, stations, poses: &poses };
     let (adjusted, used) = all.settle((start.to_from_camera, start.holder_from_board), begin)?;
     let size = all.square(&adjusted, &used);
+    // Below this share the size changes no pose noticeably, and another size would only excuse wrong poses.
     let true_size = size.as_ref().filter(|size| size.contradicts() && (size.ratio - 1.0).abs() > OTHER_SIZE);
 
     let focal = match &size {
+        // The two factors look nearly the same in the pictures, so the focal length is measured only if the squares
+        // agree.
         Some(size) if !size.contradicts() => {
             let chosen: Vec<_> =
                 stations.iter().zip(&used).filter(|(_, used)| **used).map(|(one, _)| one).collect();
@@ -234,6 +239,8 @@ fn with_sizes<A: Arrangement>(
     at: Point<A::From>,
 ) -> f64 {
     let contradicting = sizes.into_iter().flatten().filter(|size| size.contradicts());
+    // The contradiction is not resolved here: the error of the mount may be as large as the difference between the two
+    // answers.
     contradicting.fold(radius_mm, |radius_mm, size| radius_mm.hypot(size.moves_mm(adjusted, at)))
 }
 

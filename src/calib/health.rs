@@ -76,6 +76,8 @@ pub fn square_by_touches(board: &Board, touched: &[(Point<BoardFrame>, Point<Bas
     for (index, first) in touched.iter().enumerate() {
         for second in &touched[index + 1..] {
             let (of_board, of_arm) = (first.0.distance_mm(second.0), first.1.distance_mm(second.1));
+            // Over all pairs, weighted by their distance: long distances carry the scale, short ones carry mostly the
+            // error of the touches.
             both += of_board * of_arm;
             own += of_board * of_board;
         }
@@ -302,6 +304,7 @@ pub fn may_start(
     let of_camera = |camera: &CameraHealth<'_>| {
         health(camera.subject, camera.last, camera.calibration_hash, now_unix_s, demands).reasons
     };
+    // A touch that exists and is bad stops the cell; a missing one is stated in the error budget.
     let of_touch = touch.and_then(|touch| beyond(touch, demands));
     Judgement::new(cameras.iter().flat_map(of_camera).chain(of_touch).collect(), vec![])
 }

@@ -130,10 +130,13 @@ pub fn calibrate(size: (usize, usize), views: &[View], options: Options) -> Resu
             let (found, given) = (used.len(), views.len());
             return Err(CalibError::TooFewPictures { found, given, needed: MIN_VIEWS, first_reason: None });
         }
+        // A model of medium size: a simpler one would make pictures with corners near the border look wrong, a larger
+        // one would bend to bad pictures.
         let first = fitted(size, &used, options.model.unwrap_or(LensModel::Tangential))?;
         let rms = rms_of_each(&first, &used);
         let set_aside = aside.iter().flatten().count() + 1;
         let allowed = !options.keep_all && set_aside as f64 <= MAX_ASIDE * views.len() as f64;
+        // One at a time and fitted again: a bad picture pulls the lens, so that good ones look worse than they are.
         let Some((worst, limit_px)) = outlier(&rms).filter(|_| allowed && used.len() > MIN_VIEWS) else {
             return judged(first, &used, options.model, (views, &aside));
         };
@@ -201,6 +204,8 @@ fn judged(
     if redundancy <= 0.0 || left_out.is_empty() {
         return Err(unsettled);
     }
+    // The larger of two estimates: corners that are off in the same way in each picture hardly show in the residuals of
+    // the fit itself.
     let variance_px2 = (found.square / redundancy).max(left_out_square / (found.rows - poses));
     let information = lens_covariance::information(&found.camera, &grams, variance_px2);
     let information = information.ok_or_else(|| unsettled.clone())?;
@@ -223,6 +228,8 @@ fn judged(
         left_out_rms_px: (left_out_square / left_out.len() as f64).sqrt(),
         left_out_95_px: left_out[((left_out.len() as f64 * 0.95).ceil() as usize).clamp(1, left_out.len()) - 1],
         deviations: std::array::from_fn(|index| covariance[(index, index)].sqrt()),
+        // In parts of the picture without corners a lens model is an extrapolation, whose polynomial may be off by
+        // pixels.
         support: lens_support::support(&found.camera, &covariance, &corners),
         covariance,
         views: views.collect(),

@@ -62,6 +62,8 @@ pub(super) fn choose(fits: &[(LensModel, Option<LensFit>)], views: &[&Corners]) 
     let trials: Vec<Trial> =
         fits.iter().zip(&all).map(|((model, _), all)| trial(*model, all.as_ref(), &best)).collect();
     let chosen =
+        // The first within one standard error of the best: more coefficients than the pictures prove only add
+        // uncertainty at the border.
         trials.iter().position(|trial| trial.left_out_rms_px.is_some() && trial.worse <= trial.worse_error)?;
     Some(Choice { model: trials[chosen].model, left_out: all[chosen].clone()?, trials })
 }
@@ -98,6 +100,7 @@ fn without(
     views: &[&Corners],
     (group, groups): (usize, usize),
 ) -> Option<Vec<(usize, LeftOut)>> {
+    // Every fifth picture and not runs: neighbours in a series show nearly the same view and would predict each other.
     let is_left_out = |index: usize| index % groups == group;
     let kept: Vec<usize> = (0..views.len()).filter(|index| !is_left_out(*index)).collect();
     let poses = kept.iter().map(|index| found.poses[*index]).collect();

@@ -77,9 +77,13 @@ pub fn calibrate(data: &RobotData) -> Result<RobotFound, CalibError> {
         tip: Vector3::new(0.0, 0.0, 100.0),
         spots: (0..spots).map(|spot| first_touch(data, spot)).collect(),
     };
+    // First without corrections: it gives the start, and the residuals with which the correction must be compared to
+    // prove that it helps.
     let plain = settle(start, &views, &data.touches).ok_or_else(unsettled)?;
     let free = State { corrects: true, ..plain.state.clone() };
     let mut full = settle(free, &views, &data.touches).ok_or_else(unsettled)?;
+    // How large this arm's errors are is not known beforehand; a prior for a good arm would hide the errors of a bad
+    // one.
     for _ in 0..SIZINGS {
         let resized = State { size: full.size(), ..full.state };
         full = settle(resized, &views, &data.touches).ok_or_else(unsettled)?;

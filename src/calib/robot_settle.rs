@@ -116,6 +116,7 @@ impl Settled {
         let (mut square, mut redundancy) = (0.0, 0.0);
         for (index, (number, usual)) in self.state.correction.numbers().iter().zip(self.state.usual()).enumerate() {
             square += (number / usual).powi(2);
+            // A number that the data do not determine keeps its prior's spread and adds nothing here.
             redundancy += (1.0 - self.inverse[(index, index)] / usual.powi(2)).max(0.0);
         }
         let grown = (square / f64::max(redundancy, 1.0)).sqrt();

@@ -110,6 +110,8 @@ pub(super) fn measure<A: Arrangement>(
     for _ in 0..MAX_STEPS {
         let (lens, now) = with_factor(camera, stations, ratio, of);
         let step = step(&lens, &now, &adjusted, (of, None))?;
+        // In logarithms and limited: a size cannot become negative, and a factor of three does not throw the adjustment
+        // out of its basin.
         let grown = step.share.clamp(-0.3, 0.3).exp();
         ratio *= grown;
         let (lens, now) = with_factor(camera, stations, ratio, of);

@@ -84,6 +84,8 @@ pub fn tool_point(poses: &[Rigid<Base, Flange>]) -> Result<ToolPoint, CalibError
     }
     let normal = a.transpose() * &a;
     let weakest = normal.symmetric_eigenvalues().min().max(0.0);
+    // Judged before the solution: with small turns the residuals are small whatever the tip is, and would look like
+    // evidence.
     let lever = (weakest / count as f64).sqrt();
     if lever < MIN_LEVER {
         let [lever, needed] = apart(lever, MIN_LEVER, 3);
@@ -156,11 +158,13 @@ fn plate(places: &[Point<Base>]) -> Result<(Vector3<f64>, Option<f64>), CalibErr
     let eigen = spread.symmetric_eigen();
     let mut order = [0, 1, 2];
     order.sort_by(|&i, &j| eigen.eigenvalues[i].total_cmp(&eigen.eigenvalues[j]));
+    // A line of points leaves the plate free to turn about it; the fit itself would still be perfect.
     if eigen.eigenvalues[order[1]] < 1e-2 * eigen.eigenvalues[order[2]] {
         return Err(few("lie on one line"));
     }
     let rms_mm = (eigen.eigenvalues[order[0]].max(0.0) / places.len() as f64).sqrt();
     let normal = eigen.eigenvectors.column(order[0]).into_owned();
+    // Three points always lie on a plane: their residual of zero is no evidence.
     Ok((normal, (places.len() > 3).then_some(rms_mm)))
 }
 

@@ -26,6 +26,7 @@ impl Turn {
             }
             At::Completing { verdict } => Goal::Reach(&COMPLETING, At::Complete { verdict }),
             At::Stopping { .. } => Goal::Reach(self.leaving(), At::Stopped),
+            // No needs: an abort waits for nothing.
             At::Aborting { .. } => Goal::Now(Action::EndEpoch { epoch: state.epoch }),
             At::Clearing { .. } => Goal::Reach(&CLEARING, At::Stopped),
             At::Execute(phase) => match (phase, state.facts.water) {
@@ -55,6 +56,8 @@ impl Turn {
     fn leaving(&self) -> &'static [Row] {
         let is_moving = self.state.intent.is_some() && self.state.facts.epoch != Epoch::Closed;
         match (is_moving, self.state.facts.epoch, self.state.facts.tool) {
+            // The end of the epoch brakes the arm and switches tool and water off in the controller itself, faster than
+            // one command after the other.
             (true, ..) => &LEAVING_MOTION,
             (false, Epoch::Closed, Tool::Unknown) => &LEAVING_TOOL,
             _ => &LEAVING,
@@ -66,13 +69,17 @@ impl Turn {
         use Answer as R;
         match (act, answer) {
             (Action::EndEpoch { .. }, R::Standstill { done }) => self.epoch_ended(done),
+            // Must precede the general arm for trouble: that one would abort again, and for ever.
             (Action::EndEpoch { .. }, _) if matches!(self.state.at, At::Aborting { .. }) => self.abort_failed(),
             (_, R::Failed(trouble)) => self.trouble(trouble),
             (Action::CheckStandstill, R::Standstill { done }) => {
                 self.close_intent(Outcome::Cleared, done);
+                // Only Clear and Reset request this: a person has looked at the cell, and no pad is left on the panel.
                 (self.facts().standing, self.facts().touching) = (true, false);
             }
             (Action::SelfTest, R::Done) => self.facts().tested = true,
+            // Only a larger number is a new epoch. With an equal one, commands of the ended epoch could be executed
+            // late.
             (Action::OpenEpoch { above }, R::Epoch(epoch)) if epoch > above => {
                 self.state.epoch = epoch;
                 // A new epoch has neither base nor tool.
@@ -96,6 +103,7 @@ impl Turn {
                 (self.state.job.plan, self.state.job.waypoints) = (plan, waypoints);
                 let verify = if self.rules.keep(Rule::VerifyFirst) { Phase::Verify } else { Phase::Abrade };
                 self.state.at = match (waypoints, self.is_air()) {
+                    // An air-run is to show the path; without a path it has shown nothing.
                     (0, true) => At::Completing { verdict: Verdict::Reject },
                     (0, false) => At::Execute(Phase::Rinse),
                     _ => At::Execute(verify),
@@ -133,6 +141,7 @@ impl Turn {
     /// Sets the water as proven off: from now on the water drains.
     fn water_is_off(&mut self) {
         self.facts().water_may_run = false;
+        // A shut valve does not dry the panel: the tool starts only after the water has run off.
         self.facts().water = Water::Draining { until: self.arm(Deadline::Drain) };
     }
 
@@ -148,6 +157,8 @@ impl Turn {
     /// The robot is at standstill at the end of a move, or before it.
     fn on_standstill(&mut self, motion: Motion, done: u32) {
         if done != motion.waypoints && self.rules.keep(Rule::WholePath) {
+            // Standstill alone is no completion: a path that ended early leaves places unsanded, which would count as
+            // treated.
             return self.trouble(Trouble::Short);
         }
         self.close_intent(Outcome::Done, done);
@@ -177,6 +188,7 @@ impl Turn {
             At::Aborting { cause } => (Outcome::Aborted, Some(cause)),
             _ => (Outcome::Stopped, None),
         };
+        // Asked before the facts change: only water that may have run needs a new time to drain.
         let ran = !self.facts().water_off();
         let facts = self.facts();
         facts.end_epoch(Epoch::Closed);
@@ -235,6 +247,8 @@ impl Turn {
         if grade == Grade::Accept {
             self.facts().token = Some(self.arm(Deadline::Token));
         }
+        // After the first water no place looks dry any more, so the picture with which the film is compared comes
+        // first.
         let dry = if self.rules.keep(Rule::DryPicture) { Phase::Dry } else { self.state.job.after_dry };
         self.graded(grade, if self.is_air() { Phase::Plan } else { dry });
     }
@@ -291,10 +305,15 @@ impl Turn {
         self.facts().token = None;
         let in_contact = self.state.intent.is_some_and(|intent| intent.motion.path == Path::Contact);
         let resume = match phase {
+            // A part of the path was sanded: it is graded by what was executed, and only the rest is planned again.
             Phase::Abrade if in_contact => self.after_contact(true, Phase::Plan),
+            // During a hold a person may have moved the panel, and a refinement starts from the scan.
             Phase::Locate | Phase::Refine { .. } => Phase::Locate,
             Phase::Dry => Phase::Dry,
+            // A film that was interrupted has dried or run off in places; it is judged only as a whole, so it is
+            // sprayed anew.
             Phase::Wet | Phase::Inspect => Phase::Wet,
+            // The path was planned at a pose that the next Verify may correct.
             Phase::Plan | Phase::Verify | Phase::Abrade => Phase::Plan,
             Phase::Retract | Phase::Rinse if self.is_air() => Phase::Plan,
             Phase::Retract => self.after_contact(false, Phase::Rinse),
@@ -308,6 +327,7 @@ impl Turn {
         let undried = hold.why == Why::NotVerified && !self.rules.keep(Rule::DriedFirst);
         if hold.is_of_contact() && self.rules.keep(Rule::ContactStays) {
             self.refuse(Request::Unhold { dried }, Refusal::Review);
+        // A dried panel can be scanned again; a wet one reflects the pattern away, so that points are missing.
         } else if dried || undried {
             match hold.resume {
                 Phase::Wet | Phase::Plan | Phase::Rinse | Phase::Assess { .. } => {

@@ -173,6 +173,7 @@ impl Facts {
     pub(super) fn ask(&mut self, act: Action) {
         match act {
             Action::Move(motion) => {
+                // Between two poses the arm is nowhere that an interlock knows, so that no scan or water can begin.
                 self.arm = None;
                 self.touching |= motion.path == Path::Contact;
             }
@@ -200,6 +201,7 @@ impl Facts {
         if self.tool != Tool::Off {
             self.tool = Tool::Unknown;
         }
+        // An output that was proven off stays off: the end of an epoch switches nothing on.
         if !self.water_off() {
             self.water = Water::Unknown;
         }
@@ -214,6 +216,8 @@ impl Facts {
     /// Marks the state that this switch had proven as unknown; it is proven again before it is needed. A tool or
     /// water that was off may now run.
     pub(super) fn doubt(&mut self, switch: Switch) {
+        // A contradiction is treated like a command without an answer: the switch is in either state until it is proven
+        // again.
         self.ask(Action::Switch(switch));
         self.tool_may_run |= switch == Switch::ToolOff;
         self.water_may_run |= switch == Switch::WaterOff;
@@ -221,6 +225,7 @@ impl Facts {
 
     /// Returns the facts that stay valid after a loss of the robot's link and after the end of the program.
     pub(super) fn lasting(&self) -> Facts {
+        // Only what makes the cell more careful may outlive the link; what permits something is proven again.
         let Facts { touching, tool_may_run, water_may_run, .. } = *self;
         Facts { touching, tool_may_run, water_may_run, ..Facts::UNKNOWN }
     }
@@ -229,6 +234,8 @@ impl Facts {
     /// void.
     pub(super) fn forget(&mut self) {
         let lost = matches!(self.robot, Robot::Unknown | Robot::LinkLost | Robot::Restarted);
+        // Without a link the controller has ended the epoch by its own watchdog. With an open guard it is still
+        // connected, and the epoch must be ended by command.
         let epoch = if lost { Epoch::Closed } else { self.epoch };
         let full_override = self.full_override && !lost;
         *self = Facts { robot: self.robot, full_override, epoch, ..self.lasting() };

@@ -51,9 +51,12 @@ pub(super) fn needs(act: Action) -> Vec<Row> {
         | Action::EndEpoch { .. }
         | Action::Plan { .. }
         | Action::Assess => vec![],
+        // Water in the air and the film's light disturb the projected pattern, and an arm in view hides the panel.
         Action::Locate => vec![dry_air, parked, dark, clear],
         Action::DryPicture => vec![dry_air, parked, lit, clear],
         Action::Film => vec![dry_air, parked, lit, clear],
+        // The corner pose is last: light and lens are proven while the arm is still away, and nothing changes after it
+        // arrives.
         Action::Refine { view } | Action::Verify { view } => vec![dark, clear, corner(view)],
         Action::Switch(Switch::Rinse | Switch::Spray) => {
             vec![epoch, (R::ParkedForWater, N::At(Path::Park)), tool_off, (R::LensGuarded, N::LensGuarded)]
@@ -63,12 +66,17 @@ pub(super) fn needs(act: Action) -> Vec<Row> {
         Action::Move(Motion { path, .. }) => match path {
             Path::Park => vec![epoch, dry_air, tool_off],
             Path::Corner { .. } => vec![epoch, dry_air, tool_off, camera],
+            // The localization is needed already here: the approach point follows from it and is close to the panel.
             Path::Approach => vec![epoch, drained, tool_off, token, pad],
             Path::Contact => {
+                // Last in the list: the tool starts at the approach point, in air, when everything else is proven. A
+                // disc that starts on the panel digs in.
                 let running = (R::ToolRunning, N::ToolRunning);
                 vec![full_override, epoch, drained, extraction, token, at_approach, pad, running]
             }
             Path::Air => vec![epoch, dry_air, tool_off, token, at_approach, pad],
+            // No localization is needed: to leave the panel along the tool's axis must be possible after it became too
+            // old.
             Path::Retract => vec![epoch, dry_air, tool_off, pad],
         },
     }

@@ -21,6 +21,8 @@ pub(super) fn step_with(rules: Rules, state: State, event: Event) -> (State, Vec
         Event::Reported(report) => turn.on_report(report),
     }
     turn.proceed();
+    // A person decides on the state that was shown: the number keeps a click on an old page from acting on a newer
+    // state.
     if turn.state.at != state.at {
         turn.state.step += 1;
     }
@@ -35,6 +37,8 @@ impl Turn {
         match (self.state.at, request) {
             // A request that may lead to motion needs a robot that is ready.
             (At::Stopped | At::Complete { .. }, Q::Reset) if ready => {
+                // What was true before the last cycle is not evidence for the next one: standstill and self-test are
+                // proven again.
                 (self.state.facts.standing, self.state.facts.tested) = (false, false);
                 self.state.at = At::Resetting;
             }
@@ -52,6 +56,8 @@ impl Turn {
                 self.state.at = At::Unholding { resume: resume.accepted(), verify: false };
             }
             (At::Aborted { cause }, Q::Clear) if ready => {
+                // Between the abort and this request a person may have jogged the arm; standstill must be reported
+                // anew.
                 self.state.facts.standing = false;
                 self.state.at = At::Clearing { cause };
             }
@@ -65,6 +71,8 @@ impl Turn {
                 self.refuse(request, Refusal::Robot(robot));
             }
             (At::Execute(phase) | At::Unholding { resume: phase, .. }, Q::Hold) => self.hold(Why::Asked, phase),
+            // These states already lead to rest. An abort stays possible in Stopping and Clearing, since it is sent at
+            // once.
             (At::Stopped | At::Stopping { .. } | At::Clearing { .. }, Q::Stop)
             | (At::Aborting { .. } | At::Aborted { .. }, Q::Stop | Q::Abort) => {
                 self.refuse(request, Refusal::NotNow);
@@ -98,6 +106,7 @@ impl Turn {
             Report::StoreRestored => self.store_is_another(Cause::StoreRestored),
             Report::EpochOver { trouble } => self.epoch_over(trouble),
             Report::OutputsOff => {
+                // A suspicion that has survived a lost link ends by evidence alone: here by the feedbacks of both.
                 (self.state.facts.tool_may_run, self.state.facts.water_may_run) = (false, false);
             }
             Report::Progress { id, done } => self.progressed(id, done),
@@ -112,6 +121,8 @@ impl Turn {
                     return self.drop();
                 };
                 self.state.due = None;
+                // A late answer is dropped afterwards, since its id is not due any more: the work must not continue by
+                // it.
                 self.answered(due.act, Answer::Failed(Trouble::Late));
             }
             Report::Deadline { id, which } => self.elapsed(id, which),
@@ -147,9 +158,12 @@ impl Turn {
         if self.rules.keep(Rule::LossForgets) {
             self.state.facts.forget();
         }
+        // No controller answers in these two conditions; in all others the controller still answers an abort.
         let gone = matches!(robot, Robot::LinkLost | Robot::Restarted);
         match self.state.at {
             At::Stopped | At::Aborted { .. } => {}
+            // Nothing moves in these states, so there is nothing to abort; but Start needs a new Reset, which tests
+            // again. An emergency stop is different: a person pressed it for a reason, and must clear it.
             At::Idle | At::Complete { .. } if robot != Robot::EmergencyStop => self.state.at = At::Stopped,
             // The hold continues: nothing moves, and a person may open the guard to dry the panel or to correct the
             // trouble.
@@ -173,6 +187,8 @@ impl Turn {
         let Some(due) = self.state.due.filter(|due| due.id == id) else { return self.drop() };
         match (&mut self.state.intent, due.act) {
             (Some(intent), Action::Move(motion)) => {
+                // A count that goes back or beyond the path belongs to another motion, or a message was changed on its
+                // way.
                 let in_order = intent.done <= done && done <= motion.waypoints;
                 intent.done = done;
                 if !in_order && self.rules.keep(Rule::Sequence) {
@@ -188,6 +204,7 @@ impl Turn {
         match self.state.at {
             at if at.rests() => self.drop(),
             At::Aborting { .. } => self.drop(),
+            // These states bring the cell to rest by themselves. A hold on top of that would only delay it.
             At::Resetting | At::Clearing { .. } | At::Completing { .. } | At::Stopping { .. } | At::Holding(_)
                 if trouble.holds() =>
             {
@@ -225,12 +242,15 @@ impl Turn {
         match self.state.at {
             At::Resetting => {
                 self.state.at = At::Stopped;
+                // Nothing has moved yet: the operator gets the reason and may request Reset again, without an abort to
+                // clear.
                 self.refuse(Request::Reset, Refusal::Failed(trouble));
             }
             At::Clearing { cause } => self.aborted(cause),
             At::Execute(phase) | At::Unholding { resume: phase, .. } if trouble.holds() => {
                 self.hold(Why::Trouble(trouble), phase);
             }
+            // The panel was not located yet, so the cycle can only continue from its first phase.
             At::Starting if trouble.holds() => self.hold(Why::Trouble(trouble), Phase::Locate),
             _ => self.abort(Cause::Trouble(trouble)),
         }
@@ -238,6 +258,8 @@ impl Turn {
 
     /// Aborts at once: the abort frame is sent, whatever was in progress.
     pub fn abort(&mut self, cause: Cause) {
+        // The answer of the act in progress must not continue the work, and after an abort the panel may have been
+        // pushed.
         (self.state.due, self.state.facts.token) = (None, None);
         self.state.at = At::Aborting { cause };
         if !self.rules.keep(Rule::AbortIsSent) {
@@ -264,6 +286,7 @@ impl Turn {
             self.state.at = At::Stopped;
             return;
         }
+        // A stop waits for standstill and for water off. If a valve hangs, the deadline turns it into an abort.
         let until = self.arm(Deadline::Stop);
         self.state.at = At::Stopping { until };
     }
@@ -272,6 +295,7 @@ impl Turn {
     /// wrong.
     fn store_is_another(&mut self, cause: Cause) {
         match self.state.at {
+            // Nothing moves here, and there may be no robot yet to which an abort could be sent.
             At::Stopped | At::Aborted { .. } => self.aborted(cause),
             _ => self.abort(cause),
         }

@@ -31,6 +31,7 @@ impl Turn {
     pub fn conclude(&mut self, verdict: Verdict) {
         self.state.facts.token = None;
         if self.state.job.running {
+            // A cycle has exactly one verdict: later transitions of the same cycle conclude nothing.
             self.state.job.running = false;
             self.effects.push(Effect::Conclude { verdict });
         }
@@ -65,6 +66,7 @@ impl Turn {
 
     /// Performs the next act, unless one is in progress.
     pub fn proceed(&mut self) {
+        // One act at a time: an interlock that is proven now could otherwise be undone by an act in parallel.
         while self.state.due.is_none() {
             if self.lacks_override() {
                 self.trouble(Trouble::Override);
@@ -94,6 +96,8 @@ impl Turn {
     fn perform_first(&mut self, mut act: Action) {
         loop {
             match self.unmet(&needs(act)) {
+                // An act that brings about a need has needs of its own (the tool starts only with extraction and
+                // drained water), so the search goes down until an act is free to begin.
                 Some(Some(before)) => act = before,
                 Some(None) => return,
                 None => return self.perform(act),
@@ -109,15 +113,20 @@ impl Turn {
 
     fn perform(&mut self, act: Action) {
         let id = self.fresh();
+        // From here on the output may have either state; if the answer never comes, no interlock may rely on the old
+        // one.
         if self.rules.keep(Rule::AskedIsUnknown) {
             self.state.facts.ask(act);
         }
         if let Action::Move(motion) = act {
             self.state.intent = Some(Intent { id, motion, done: 0 });
+            // The intent is committed before the motion is sent: after a power cut the store must not deny a contact
+            // that took place.
             if self.rules.keep(Rule::IntentFirst) {
                 self.effects.push(Effect::OpenIntent(motion));
             }
         }
+        // Armed before the act is performed, so that an act that never returns is still found late.
         self.effects.push(Effect::Arm { id, deadline: Deadline::Answer });
         self.effects.push(Effect::Do { id, act });
         self.state.due = Some(Due { id, act });

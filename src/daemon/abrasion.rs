@@ -108,6 +108,8 @@ impl Abrasion {
     /// robot reports later.
     pub fn begins_contact(&mut self, cycle: &CycleSetup, number: u64) {
         let Some(plan) = self.plan(number) else { return };
+        // All of the plan and not its executed part: a place that counts as sanded only loses its dry look, one that is
+        // missed is judged by a look that is gone.
         let touched = touching::taught_pixels(plan, &cycle.panel, cycle.recipe.path());
         let before = self.sanded.take();
         let is_sanded = |index: usize| before.as_ref().is_some_and(|before| before.inside[index]);
@@ -147,6 +149,7 @@ impl Abrasion {
         if let Some(drawing) = today.drawing {
             record.figure(&figure_alone(drawing))?;
         }
+        // From here on every path lies on today's surface: the panel may be bent against the taught one.
         let fit = self.fit.insert(Arc::new(today.fit)).clone();
         let kinematics = Kinematics::new(&cycle.cell.arm);
         let stand = cycle.tour().reach_setup(&kinematics, panel);
@@ -158,6 +161,7 @@ impl Abrasion {
         let fit_mm =
             today.rms_mm.map_or(fit.deviation.p95_mm, |rms_mm| fit.deviation.p95_mm.max(WITHIN_95 * rms_mm));
         record.budget(&Budget { fit_mm: Some(fit_mm), ..Budget::default() })?;
+        // A doubtful localization stays doubtful, however well the arm reaches the grids.
         let both = if own == Grade::Accept { found } else { own };
         Ok(Answer::Graded(both))
     }
@@ -207,6 +211,8 @@ impl Abrasion {
             (_, Some(film)) => film.grids.iter().filter(|grid| grid.failed).map(|grid| grid.id).collect(),
             (_, None) => return Ok(Answer::Failed(Trouble::Unexpected)),
         };
+        // The former plan is gone before the new one is tried, so that a refused plan leaves no path that could be
+        // sent.
         self.plan = None;
         self.most_passes = cycle.recipe.process().max_passes_per_grid();
         let most = self.most_passes;
@@ -335,6 +341,8 @@ impl Abrasion {
     fn keep(&mut self, plan: Plan) -> (u64, u32) {
         let all = waypoints(&plan);
         let text: Vec<String> = all.iter().map(|waypoint| format!("{:?}", waypoint.pose())).collect();
+        // The number follows from the poses: a replay that plans another path also has another number, and differs
+        // visibly.
         let hash = content_hash(text.join("\n").as_bytes());
         // Sixteen hexadecimal digits always give a number of 64 bits.
         let number = hash.get(..16).and_then(|digits| u64::from_str_radix(digits, 16).ok()).unwrap_or_default();
@@ -367,6 +375,7 @@ impl Abrasion {
         }
         for grid in abraded.whole.iter().chain(&abraded.begun) {
             let (times, last) = self.touched.entry(*grid).or_insert((0, 0));
+            // The rest of an interrupted pass is the same abrasion of the grid, not a second one.
             *times += usize::from(*last != pass);
             *last = pass;
         }

@@ -64,6 +64,7 @@ impl Running<'_> {
 
     /// Has it computed.
     fn compute(&mut self, id: Id, act: Action) -> Result<(), DaemonError> {
+        // Read anew for each act, since the disc may have been changed during a hold.
         self.abrasion.worn_mm2 = self.ports.record.disc_worn_mm2()?;
         self.abrasion.is_air = self.state.job.air;
         if matches!(act, Action::Plan { .. }) {
@@ -102,6 +103,8 @@ impl Running<'_> {
             (Found::Answer(answer), artifacts) => {
                 match (act, artifacts) {
                     (_, None) => {}
+                    // Only the film's own results: the copy that the thread worked on is older than what the loop knows
+                    // by now.
                     (Action::Film, Some((film, _))) => self.perception.take_film(film),
                     (_, Some((perception, abrasion))) => (self.perception, self.abrasion) = (perception, abrasion),
                 }
@@ -129,6 +132,7 @@ impl Running<'_> {
         let full = self.ports.record.check().into_iter().map(|reason| (Trouble::Store, reason));
         let wrong: Vec<(Trouble, Reason)> =
             unready.into_iter().chain(found).chain(full).chain(self.tool_unfit()).collect();
+        // All reasons are recorded, although the first one decides: the operator corrects them in one round.
         let answer = wrong.first().map_or(Answer::Done, |(trouble, _)| Answer::Failed(*trouble));
         if !wrong.is_empty() {
             self.note(Kind::SelfTest, wrong.into_iter().map(|(_, reason)| reason).collect())?;

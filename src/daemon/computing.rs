@@ -122,6 +122,7 @@ impl<'p> Computing<'p> {
 
     /// Has it done.
     pub(super) fn submit(&mut self, work: Work) {
+        // Before the work is queued: the thread must find its own number when it begins.
         self.due.store(work.id.0, Ordering::Relaxed);
         match &mut self.executor {
             Executor::Inline { queue, .. } => queue.push_back(work),
@@ -158,6 +159,8 @@ impl<'p> Computing<'p> {
                     *result = match results.recv_timeout(patience) {
                         Ok(worked) => worked,
                         Err(RecvTimeoutError::Timeout) => return None,
+                        // An answer all the same: the table is waiting, and a computation that died is a fault of this
+                        // act, not a silence.
                         Err(RecvTimeoutError::Disconnected) => Some(Box::new(lost(id))),
                     };
                     if self.lock_step || result.as_ref().is_none_or(|worked| worked.is_last()) {
@@ -241,6 +244,7 @@ impl Thread {
             let worked = self.worker.perform(work);
             self.sign.rests();
             if !self.lock_step && !worked.is_last() {
+                // A film that is no longer wanted would keep the camera from the next act until its end.
                 if self.due.load(Ordering::Relaxed) != id.0 {
                     return self.tell.send(None);
                 }

@@ -42,6 +42,8 @@ impl Running<'_> {
     pub(super) fn permit_more(&mut self, sent: SentPath, done: u32) -> Result<(), DaemonError> {
         let is_contact = sent.path() == Path::Contact;
         let Some(wanted) = self.underway.wanted(done).filter(|_| is_contact) else { return Ok(()) };
+        // Recorded before it is permitted: after a crash the grids behind this point count as untouched, which must be
+        // true.
         self.ports.record.keep(RecordCommand::Permit(wanted))?;
         self.underway.permitted = wanted;
         let last = (wanted < self.underway.all()).then(|| CommandId(sent.first().0 + wanted - 1));
@@ -55,6 +57,8 @@ impl Running<'_> {
     /// Commits how a motion ended. If the robot did not report it, all that was counted beforehand remains counted.
     pub(super) fn close_intent(&mut self, motion: &Motion, outcome: Outcome, done: u32) -> Result<(), DaemonError> {
         let underway = std::mem::take(&mut self.underway);
+        // After a Clear nothing reports how far the arm went, so that the reserved wear and the permitted grids stay
+        // counted.
         if motion.path == Path::Contact && outcome != Outcome::Cleared {
             self.abraded(motion, done, underway.reserved_mm2)?;
         }

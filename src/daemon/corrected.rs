@@ -50,11 +50,15 @@ impl<'r> CalibratedRobot<'r> {
     /// Returns the corrected points for the controller, and the axes at the last of them.
     fn sent(&self, points: Vec<MoveLin>) -> Result<(Vec<MoveLin>, Option<Joints>), QueueError> {
         let Some(arm) = &self.arm else { return Ok((points, None)) };
+        // From the end of what was sent and not from the reported axes: several paths may wait, and the correction
+        // depends on the arm's attitude.
         let stands = self.ahead.map(|(_, joints)| joints).or(self.joints);
         let mut at = stands.ok_or(QueueError::Uncorrected { point: 1 })?;
         let mut sent = Vec::with_capacity(points.len());
         for (index, point) in points.into_iter().enumerate() {
             let wanted = self.base * point.pose.to_rigid::<Panel, Tool>() * self.flange_from_tool.inverse();
+            // One point that the arm cannot correct refuses the path: without correction it would be the only wrong
+            // place on the panel.
             let (flange, joints) =
                 arm.sent_flange(&wanted, &at).ok_or(QueueError::Uncorrected { point: index + 1 })?;
             at = joints;

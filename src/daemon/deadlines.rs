@@ -20,6 +20,7 @@ pub(super) struct Deadlines {
 
 impl Deadlines {
     pub fn arm(&mut self, id: Id, which: Deadline, at: Time) {
+        // One deadline of each kind: an older one belongs to an act that has ended.
         self.armed.retain(|armed| armed.which != which);
         self.armed.push(Armed { id, which, at });
     }

@@ -24,6 +24,7 @@ impl Contrary {
     /// Returns the switch whose feedback contradicts its state for too long, as of this state of the robot.
     pub(super) fn update(&mut self, wiring: &Wiring, facts: &Facts, state: &State) -> Option<Switch> {
         let now_ms = state.time_ms;
+        // Judged only while the state is proven: during a switch the feedback is expected to differ.
         let contrary = facts.proven().find(|switch| !wiring.proof(*switch).is_told(state));
         // If the clock was set back, the time is counted again from the beginning.
         let last = self.0.filter(|(last, since_ms)| Some(*last) == contrary && *since_ms <= now_ms);

@@ -41,6 +41,7 @@ impl Gateway {
         let (what, who) = match what {
             // The state is requested many times a second, and the user's name is read from a file.
             RequestKind::State => (RequestKind::State, who),
+            // The files are read here and not in the loop, which must answer the robot while the disk is slow.
             RequestKind::Start(start) => {
                 let (recipe, who) = (start.recipe.clone(), caller::named(who));
                 match self.prepare(start).await {
@@ -79,6 +80,7 @@ impl Gateway {
         match timeout(REPLY_TIMEOUT, answer).await {
             Ok(Ok(reply)) => reply,
             Ok(Err(_)) => failed("ended", "the service ended before it could answer"),
+            // Not "refused": the request is in the queue and may still happen.
             Err(_) => failed("silent", "the service's loop does not answer; request its state, and read its log"),
         }
     }

@@ -38,6 +38,8 @@ impl Running<'_> {
         if !self.tool_lets_go(id, motion.path)? {
             return Ok(());
         }
+        // Zeros are a valid pose for every computation that follows; only together are they the sign of a program that
+        // was not started.
         if self.robot_state.is_some_and(|state| state.tip_is_unknown()) {
             let message = "the controller reports 0 for each number of its pose: the arm's pose is not known; \
                            start its program";
@@ -48,6 +50,7 @@ impl Running<'_> {
         if self.warns(id, motion)? {
             return Ok(());
         }
+        // By axes: the way to the park pose must be possible from any pose, also if no line within the box leads there.
         if motion.path == Path::Park {
             let poses: Vec<Joints> = self.cell.ready.into_iter().chain([self.cell.park]).collect();
             return self.by_axes(id, motion, &poses);
@@ -90,6 +93,7 @@ impl Running<'_> {
         let now = self.ports.robot.now();
         let is_on = state.done >= last && state.outputs >> bit & 1 == 1;
         if until.is_none_or(|until| now < until) {
+            // A time that counts from the command could be over before the horn sounds.
             let until = until.or_else(|| is_on.then(|| now + seconds(self.cell.limits.warning_s())));
             self.wait(id, Action::Move(motion), Condition::Warned { last, until });
             return Ok(());
@@ -150,6 +154,7 @@ impl Running<'_> {
         }
         let mut sent = Ok(CommandId(0));
         for pose in poses {
+            // Every pose was checked before the first is sent, since the arm does not wait for a later refusal.
             sent = sent.and_then(|_| self.ports.robot.send(move_j(*pose)));
         }
         let end = poses.last().copied().map(End::Joints);
@@ -174,6 +179,8 @@ impl Running<'_> {
             return Ok(false);
         };
         let obstacles = self.perception.obstacles().cloned().unwrap_or_else(|| self.last_known_panel(&cycle));
+        // The tool of the cell and not the active one: after a start the controller may have any tool, and the sander
+        // is mounted in any case.
         let tool = cycle.calibrations.flange_from_tool;
         let Some(met) = self.met_on_the_way(&state.joints, poses, (tool, Some(obstacles))) else { return Ok(true) };
         let message = format!(
@@ -240,6 +247,8 @@ impl Running<'_> {
         }
         let count = u32::try_from(gated.points.len()).unwrap_or(u32::MAX);
         let sent = self.ports.robot.send(Command::SetAccSpeed(speeds(gated.speed)));
+        // Only in contact: each permission is recorded first, so that a crash cannot leave more sanded than the record
+        // states.
         let permitted = Some(self.underway.permitted).filter(|few| motion.path == Path::Contact && *few < count);
         let sent = sent.and_then(|_| self.ports.robot.send_path(move_lin(&gated.points), permitted));
         self.under_way(id, motion, sent, (count, gated.end.map(End::Tip)))
@@ -279,6 +288,7 @@ impl Running<'_> {
             }
             Path::Retract => {
                 let back = nalgebra::Vector3::z() * -settings.approach_mm();
+                // From the reported pose, not from the planned end: after a stop the pad is anywhere on the path.
                 let to = pad * Rigid::<Tool, Tool>::identity().displaced(crate::geometry::Vector::new(back));
                 let axis = self.abrasion.latest().and_then(taught_axis);
                 Some(routes::air(standing, place?, (pad, to), axis))

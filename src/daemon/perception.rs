@@ -134,6 +134,7 @@ impl Perception {
         eyes: &mut dyn CameraPort,
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
+        // Forgotten before the shot: if the camera fails, no act may use the place of the former scan.
         (self.located, self.located_mm, self.place, self.obstacles) = (None, None, None, None);
         (self.dry, self.corners, self.todays_points) = (None, Corners::default(), Arc::default());
         let errors = &cycle.calibrations.scan_errors;
@@ -243,6 +244,7 @@ impl Perception {
             Ok(None) => return Ok(Ok(filming)),
             Err(error) => return blind(Kind::Inspect, pass, &error, record).map(Err),
         };
+        // Recorded before it is judged, so that a film that ends with an error can be judged again from the record.
         record.frame(&picture, time_s, Phase::Wet)?;
         let begun = Instant::now();
         let added = match filming.filming.push((cycle, &filming.panel), &picture, time_s) {

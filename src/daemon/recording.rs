@@ -161,6 +161,7 @@ impl StoreRecord<'_> {
 
     fn finding(&mut self, finding: Finding) -> Result<(), RecordError> {
         let Some(cycle) = self.cycle else { return Ok(()) };
+        // A finding refers to the pictures before it, which must be in the store when its row is written.
         self.keep_clip()?;
         let (pictures, shots) = (std::mem::take(&mut self.pages.pictures), std::mem::take(&mut self.pages.shots));
         let mut kept = Finding { pictures, shots, ..finding };
@@ -187,6 +188,8 @@ impl StoreRecord<'_> {
     fn frame(&mut self, picture: Arc<ColorPicture>, time_s: f64, phase: Phase) -> Result<(), RecordError> {
         if self.cycle.is_some() {
             self.pages.waiting.push((picture, time_s, phase));
+            // In batches: compressing one picture after the other is slower than the camera, and a whole clip does not
+            // fit into memory.
             if self.pages.waiting.len() >= BATCH_PICTURES {
                 self.keep_waiting()?;
             }
@@ -234,6 +237,7 @@ impl StoreRecord<'_> {
 
     fn conclude(&mut self, verdict: Verdict, because: &[Reason]) -> Result<RecordAnswer, RecordError> {
         let Some(cycle) = self.cycle else { return Ok(RecordAnswer::Concluded(verdict)) };
+        // The stored verdict is returned: the signature and the page must state what is on the disk.
         let kept = self.store.conclude(cycle, verdict, because).map_err(failed)?;
         Ok(RecordAnswer::Concluded(kept.verdict))
     }

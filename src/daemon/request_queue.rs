@@ -128,6 +128,7 @@ impl RequestSender {
         if is_urgent {
             inside.put_urgent(request);
         } else {
+            // Counted for each user first, so that one client with many requests does not lock out the operator.
             let of_user = inside.others.iter().filter(|other| other.who == request.who).count();
             let waiting = if of_user < MAX_QUEUED_PER_USER { inside.others.len() } else { of_user };
             if of_user >= MAX_QUEUED_PER_USER || waiting >= MAX_QUEUED {

@@ -86,8 +86,11 @@ impl Running<'_> {
     fn handle_state(&mut self, state: &eki::State) -> Result<(), DaemonError> {
         self.robot_state = Some(*state);
         self.follow(state)?;
+        // After the motion is followed: a state can show both the end of a path and an open guard, and the path has
+        // ended first.
         self.becomes(condition(state, self.cell.programs_sum));
         let is_full = state.override_percent == CONTACT_OVERRIDE_PERCENT;
+        // Only changes become events: each event is a line of the journal, and states come ten times a second.
         if self.full_override.replace(is_full) != Some(is_full) {
             self.events.push_back(Event::Reported(Report::FullOverride(is_full)));
         }

@@ -125,10 +125,14 @@ impl Running<'_> {
 
     /// Processes one event: writes the journal, calculates the step and performs its effects.
     pub(super) fn on_event(&mut self, event: Event) -> Result<(), DaemonError> {
+        // Before the journal: a client that repeats a stop many times a second would fill the disk with lines that
+        // change nothing.
         if let Some((request, refusal)) = self.refused_just_now(event) {
             self.ports.requests.publish(LoopEvent::Refused(request, refusal));
             return Ok(());
         }
+        // The journal is written before the step: after a power cut the fold must know everything that the cell was
+        // commanded to do.
         self.ports.record.keep(RecordCommand::Event(event))?;
         tracing::debug!(?event);
         if let Event::Reported(Report::Answered { id, .. }) = event {
@@ -155,6 +159,7 @@ impl Running<'_> {
             self.computing.abandon();
         }
         let ends = effects.contains(&Effect::Conclude { verdict: Verdict::Aborted });
+        // In the order of the table: an intent is on the disk before its motion is sent.
         effects.into_iter().try_for_each(|effect| self.perform(event, effect))?;
         self.keep_request(event, refused)?;
         if ends && event == Event::Asked(cycle::Request::Stop) {
@@ -224,6 +229,8 @@ impl Running<'_> {
                 }
             }
             let now = self.ports.robot.now();
+            // Deadlines come before the robot's next report: an answer that arrives after its time must not count
+            // because it was read first.
             if let Some(report) = self.deadlines.over(now) {
                 self.name_unproven(report)?;
                 return Ok(Some(Event::Reported(report)));
@@ -306,6 +313,7 @@ impl Running<'_> {
     /// Accepts a prepared cycle and asks the table to begin it. If the table refuses, or the record cannot begin,
     /// nothing is changed.
     fn begin_cycle(&mut self, prepared: PreparedCycle) -> Option<Event> {
+        // The step is tried first: a cycle that the table refuses must not have a row in the record.
         let event = Event::Asked(prepared.request);
         let (_, effects) = step(self.state, event);
         if effects.iter().any(|effect| matches!(effect, Effect::Refuse { .. })) {

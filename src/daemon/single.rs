@@ -209,6 +209,8 @@ impl<'r> Single<'r> {
         }
         self.open_epoch()?;
         self.send(Command::SetBase(line.base))?;
+        // Frames are set before the check, because the tip's position in them comes from the controller; nothing moves
+        // by that.
         let id = self.send(Command::SetTcp(line.tool))?;
         self.executed(id, COMMAND_TIMEOUT)?;
         // From the position of the tip that the controller, with these frames, reports.
@@ -262,6 +264,7 @@ impl<'r> Single<'r> {
     /// Checks the cycle's conditions for this act against the present feedbacks, not those at the start of the
     /// epoch.
     fn held_to_interlocks(&mut self, name: &str, act: Action, cell: &Cell) -> Result<(), SingleError> {
+        // A fresh state: a guard that opened a moment ago is not in the one that is in memory.
         let told = self.state.sequence;
         while self.state.sequence == told {
             self.receive()?;
@@ -274,6 +277,8 @@ impl<'r> Single<'r> {
         let state = &self.state;
         let is_accepted = cell.robot().programs_sum().is_none_or(|accepted| accepted == state.programs_checksum);
         let is_local = cell.io().input_bit(LOCAL_CONTROL).is_none_or(|bit| reads(state, bit));
+        // In T1 a person holds the enabling switch beside the arm, and the controller limits the speed; so the guard
+        // may be open.
         let by_hand = matches!(state.mode, Mode::T1 | Mode::T2);
         let checks = [
             (
@@ -323,6 +328,7 @@ impl<'r> Single<'r> {
     /// Waits until a command is executed and the arm is at rest.
     fn executed(&mut self, id: CommandId, allowed: Duration) -> Result<(), SingleError> {
         let until = self.robot.now() + allowed;
+        // Executed is not at rest: an arm with blending has its last command done while it still brakes.
         while self.state.done < id || self.state.moving {
             match self.receive()? {
                 Some(Report::Refused { refusal, .. }) => return Err(self.stopped(refusal.to_string())),

@@ -141,6 +141,7 @@ fn clear_the_way(path: &Path) -> Result<(), SocketError> {
         }
         Ok(_) => {}
     }
+    // Asked and not guessed from the file: a file stays after a kill, but only a living service accepts.
     match system::UnixStream::connect(path) {
         Ok(_) => Err(SocketError::InUse { path: path.to_owned() }),
         Err(error) if error.kind() == ErrorKind::ConnectionRefused => {
@@ -170,6 +171,7 @@ fn serve(runtime: &Runtime, listener: &UnixListener, (gateway, role): (&Gateway,
             };
             match accepted {
                 Ok((stream, _)) => {
+                    // From the kernel and not from the message, since a client could write any name there.
                     let who = caller::socket_peer(&stream);
                     let slot = slots.acquire(who.uid);
                     let rule = Rule { role, service_uid };
@@ -194,6 +196,7 @@ async fn attend((stream, who): (UnixStream, Who), mut slot: Slot<Option<u32>>, g
             () = slot.is_wanted() => timeout(DRAIN_TIMEOUT, &mut reading).await.unwrap_or(Err(ProtocolError::GaveWay)),
         }
     };
+    // Released after reading: an answer may take seconds, and the limit is for clients that send nothing.
     drop(slot);
     let heard = heard.map(|what| match what {
         RequestKind::Start(start) => RequestKind::Start(StartRequest { own_text: rule.own_text(&who), ..start }),

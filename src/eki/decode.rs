@@ -180,6 +180,7 @@ impl Reading<'_> {
                 false => DecodeError::UnknownElement { element: format!("{}/{found}", parent.path) },
             });
         };
+        // The second one would silently replace the first: two messages were merged by a loss in between.
         if seen.contains(&node.name.as_str()) {
             return Err(DecodeError::RepeatedElement { element: node.path.clone() });
         }
@@ -229,6 +230,7 @@ fn number(field: &Field, text: &str) -> Result<f64, DecodeError> {
         return Err(DecodeError::Empty { field: tag });
     }
     let is_digits = |digits: &str| !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_digit());
+    // Stricter than Rust's parser, which also accepts `inf`, `NaN`, `+1` and `1e5`: no controller writes those.
     let digits = text.strip_prefix('-').unwrap_or(text);
     let right = match digits.split_once('.') {
         Some((before, after)) => !whole && is_digits(before) && is_digits(after),
@@ -237,6 +239,7 @@ fn number(field: &Field, text: &str) -> Result<f64, DecodeError> {
     let needed = if whole { "whole number" } else { "number such as -12.345678" };
     let wrong = || DecodeError::NotANumber { field: tag, found: text.to_owned(), needed };
     let value: f64 = if right { text.parse().map_err(|_| wrong())? } else { return Err(wrong()) };
+    // A field without a limit would let a damaged digit become a pose.
     if value >= low && value <= high {
         Ok(value)
     } else {

@@ -137,6 +137,7 @@ impl Schema {
                     true => ("INT", matches!(kind, None | Some(Kind::Int))),
                     false => ("REAL", matches!(kind, None | Some(Kind::Real | Kind::Frame))),
                 };
+                // With another type, program and controller would read another number in the same message.
                 if let (Some(found), false) = (kind, fits) {
                     return Err(SchemaError::Type { line, tag, needed, found });
                 }

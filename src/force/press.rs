@@ -39,6 +39,7 @@ impl Ramp {
 
     /// Starts a ramp to this set-point now.
     pub fn turn_to(&mut self, press: Press, now: Time) {
+        // From the present force, also in the middle of another ramp: a jump of the force marks the panel.
         *self = Ramp { from_n: self.force_n(now), to: press, since: now };
     }
 

@@ -107,6 +107,8 @@ impl Session {
     /// Starts on an established connection: returns the log-in to be sent. The tool is held back until another
     /// set-point is commanded.
     pub fn connected(&mut self, now: Time) -> Vec<u8> {
+        // Nothing of the former connection is kept, above all not its set-point: the tool may be over another place by
+        // now.
         *self = Session { state: State::LoggingIn(now), ..Session::new(self.limits.clone()) };
         telegram::login(&self.limits.login)
     }
@@ -171,6 +173,8 @@ impl Session {
         for byte in bytes {
             match self.state {
                 State::Offline | State::Lost(_) => return,
+                // Request and reply alternate. An extra reply would answer the next request, and every reading would be
+                // one period old.
                 State::Ready(_) => return self.lose(Loss::Unasked),
                 State::LoggingIn(_) => self.of_login(*byte, now),
                 State::Asked(since) => self.of_reply(*byte, since, now),
@@ -193,6 +197,7 @@ impl Session {
     fn of_reply(&mut self, byte: u8, since: Time, now: Time) {
         if byte != TERMINATOR {
             self.buffer.push(byte);
+            // Without a limit a tool that sends noise without an end would fill the memory.
             if self.buffer.len() > MAX_REPLY_BYTES {
                 let problem = TelegramError::TooLong { bytes: self.buffer.len() }.to_string();
                 self.lose(Loss::Garbage { problem });
@@ -202,6 +207,7 @@ impl Session {
         let buffer = std::mem::take(&mut self.buffer);
         match telegram::parse_reply(&buffer, self.limits.id) {
             Ok(reading) => {
+                // With the time of arrival, not of the request: the age of a reading decides whether it may be judged.
                 self.newest = Some((now, reading));
                 self.state = State::Ready((since + self.limits.period).max(now));
             }
@@ -212,6 +218,7 @@ impl Session {
 
     /// It ends here.
     pub fn lose(&mut self, why: Loss) {
+        // The first cause stays: what follows a loss is its consequence.
         if !matches!(self.state, State::Lost(_)) {
             self.state = State::Lost(why);
             self.buffer.clear();

@@ -30,6 +30,8 @@ pub fn middle_mm(stroke_mm: f64) -> [f64; 2] {
 /// refused.
 pub fn check_stroke(stroke_mm: f64, press_in_mm: f64, errors_mm: [Option<f64>; 3]) -> Check {
     let allowed_mm = MIDDLE_SHARE / 2.0 * stroke_mm;
+    // Added and not squared: the errors of tool, surface and lines may all lie in the same direction along a whole
+    // path.
     let sum_mm = errors_mm.into_iter().try_fold(press_in_mm.abs(), |sum_mm, error_mm| Some(sum_mm + error_mm?));
     let check = Check::new(TOOL_STROKE, "mm", sum_mm).at_most(allowed_mm, SetBy::cell("tool.stroke_mm"));
     let is_within = sum_mm.is_some() && check.is_kept();

@@ -155,6 +155,7 @@ pub fn parse_reply(bytes: &[u8], expected: u16) -> Result<Reading, TelegramError
         return Err(TelegramError::Fields { found: fields.len() });
     };
     let found: u32 = id.parse().map_err(|_| wrong("id", id))?;
+    // Checked before the numbers: the reading of another tool is well-formed and still says nothing about this one.
     if found != u32::from(expected) {
         return Err(TelegramError::OtherId { found, expected });
     }

@@ -75,6 +75,7 @@ impl Watch {
         let [nearest_mm, farthest_mm] = middle_mm(limits.stroke_mm);
         let outside = presses && reading.contact && !(nearest_mm..=farthest_mm).contains(&reading.position_mm);
         let lasts = |began: &mut Option<Time>, is_so: bool, within: Duration| {
+            // One good reading ends the span: peaks of a rough surface or of the landing are no fault of the tool.
             let first = is_so.then(|| began.unwrap_or(now));
             *began = first;
             first.is_some_and(|first| now.since(first) >= within)
@@ -82,6 +83,7 @@ impl Watch {
         let no_contact = lasts(&mut self.without_contact, presses && !reading.contact, limits.contact_within);
         let out = lasts(&mut self.out_of_band, out, limits.band_within);
         let outside = lasts(&mut self.out_of_stroke, outside, limits.band_within);
+        // Before the force: a pad in the air also has a wrong force, but the panel that is missing is the cause.
         if no_contact {
             let ms = limits.contact_within.as_millis();
             let words = format!(

@@ -119,6 +119,7 @@ pub fn settled(window: &Window, broke_s: Vec<f32>, sizes: Sizes, seen: &impl Obs
             }
             Verdict::Unsure => unsure.extend_from_slice(&piece),
         }
+        // Passed or unsure: neither is a break. What is unsure is listed, so that its grid does not pass either.
         piece.iter().for_each(|&i| broke_s[i] = NEVER);
     }
     let short = Place { window, broke_s: &all_s, is_bead: &is_bead, piece: &short };
@@ -136,6 +137,7 @@ pub fn settled(window: &Window, broke_s: Vec<f32>, sizes: Sizes, seen: &impl Obs
 fn fill_beads(window: &Window, broke_s: &mut [f32], bead_px: usize, seen: &impl Observed) -> Vec<bool> {
     let mut is_bead = vec![false; broke_s.len()];
     for wet in window.raster().pieces(&BESIDE, |i| broke_s[i] == NEVER) {
+        // A bead within a break is water that drew back, not a film; left out, it would make the break look smaller.
         let enclosed = wet.len() <= bead_px && wet.iter().all(|&i| seen.is_inside(i) && !at_rim(window, i));
         if enclosed {
             let rim = wet.iter().flat_map(|&i| window.raster().neighbours(i, &BESIDE)).map(|i| broke_s[i]);
@@ -181,6 +183,7 @@ impl Place<'_> {
         let is_told = share(&around, |i| seen.has_contrast(i)) >= MIN_DISTINGUISHABLE_SHARE;
         let is_break =
             is_compact(self.piece.len(), core.len()) && is_even && !is_along && is_told && self.fits(seen);
+        // With a small core the evenness carries little information; then motion decides.
         if is_break && !(passed && core.len() < MIN_CORE_PX) { Verdict::Broke } else { unless_passed }
     }
 
@@ -191,6 +194,7 @@ impl Place<'_> {
         let mut since_s: Vec<f32> = own().map(|i| self.broke_s[i]).collect();
         let until_s: Option<Vec<f32>> = own().map(|i| Some(self.broke_s[i] + seen.was_open_s(i)?)).collect();
         let Some(mut until_s) = until_s.filter(|until_s| !until_s.is_empty()) else { return false };
+        // Tenths instead of the extremes, since a few pixels of the blurred rim open and close at other times.
         since_s.sort_by(f32::total_cmp);
         until_s.sort_by(f32::total_cmp);
         // Closing is detected as late as opening: a run must return to zero, which takes one picture less than the

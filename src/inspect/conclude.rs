@@ -54,6 +54,8 @@ impl Watch {
             let Settled { broke_s, unsure } = self.settled(since_wet_s, &inside);
             since_wet_s = broke_s;
             unsure.into_iter().for_each(|index| is_unsure[index] = true);
+            // Places that were already wet look unchanged under the film, like a break from the first moment on: they
+            // are not seen.
             for index in self.wet_when_dry(&since_wet_s, &inside) {
                 (since_wet_s[index], was_wet[index]) = (NEVER, true);
             }
@@ -81,6 +83,7 @@ impl Watch {
         let is_lost = |index: usize| since_wet_s[index] == NEVER && !model.saw(index);
         let not_seen: Vec<bool> =
             (0..inside.len()).map(|i| inside[i] && (was_wet[i] || is_unsure[i] || is_lost(i))).collect();
+        // Before the grids are evaluated, since each unseen place counts against its grid as if it might have broken.
         self.footprint.lose(|index| not_seen[index]);
         let grids = self.grids(&since_wet_s, &was_wet, &faint_mm2);
         let observation = Observation {
@@ -139,6 +142,7 @@ impl Watch {
     /// Evaluates each grid by the pixels that broke, in the order of their times.
     fn grids(&self, since_wet_s: &[f32], was_wet: &[bool], faint_mm2: &[f64]) -> Vec<GridInspection> {
         let mut broken: Vec<usize> = (0..since_wet_s.len()).filter(|&index| since_wet_s[index] < NEVER).collect();
+        // By time and then by index: the time at which a grid failed must not depend on the order of equal times.
         broken.sort_by(|&a, &b| since_wet_s[a].total_cmp(&since_wet_s[b]).then(a.cmp(&b)));
         let mut broken_mm2 = vec![0.0; self.broken_mm2.len()];
         let mut time_to_break_s = vec![None; broken_mm2.len()];

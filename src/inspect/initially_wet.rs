@@ -37,6 +37,8 @@ pub fn wet_when_dry(window: &Window, known: &Dryness<'_>) -> Vec<usize> {
             && never_wet >= MIN_NEVER_WET * piece.len() as f64
             && mean(&surroundings(window, piece, known), known.dry)
                 .zip(mean(piece, known.dry))
+                // Halfway between the look of the dry surroundings and of a film over them: nearer to a film than to
+                // dry.
                 .is_some_and(|(around, own)| own < around * (1.0 + known.film) / 2.0)
     };
     window.raster().pieces(&AROUND, known.is_suspect).into_iter().filter(was_wet).flatten().collect()
@@ -53,6 +55,7 @@ fn surroundings(window: &Window, piece: &[usize], known: &Dryness<'_>) -> Vec<us
         let next: Vec<usize> = rim.iter().flat_map(|&i| window.raster().neighbours(i, &AROUND)).collect();
         rim = next.into_iter().filter(|&i| reached.insert(i)).collect();
         if AWAY_PX.contains(&away_px) {
+            // Another drop beside it would make the surroundings look wet as well, and this one unsuspicious.
             found.extend(rim.iter().copied().filter(|&i| (known.sees)(i) && !(known.is_suspect)(i)));
         }
     }

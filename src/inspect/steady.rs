@@ -134,12 +134,15 @@ impl Outline {
             };
             let offsets: Vec<(Vector2<f32>, f32)> =
                 self.places.iter().zip(self.taught.iter().zip(&now)).filter_map(offset).collect();
+            // An outline that is mostly beyond the profiles' reach is no missing number: it is at least that far away.
             if 2 * offsets.len() < count {
                 return Some(f64::from(REACH_PX));
             }
             let mut off: Vec<f32> = offsets.iter().map(|(_, offset)| offset.abs()).collect();
             Some(f64::from(moved(&offsets).norm().max(middle(&mut off))))
         };
+        // Grey levels first, since they have the least noise; a colour only if the panel and its surroundings are
+        // equally bright.
         by(&|_| GRAY).or_else(|| by(&best))
     }
 
@@ -195,6 +198,7 @@ impl Outline {
         let agree: Vec<Vector2<f32>> =
             shifts.iter().filter(|(n, shift)| (n.dot(&d) - shift).abs() <= AGREE_PX).map(|(n, _)| *n).collect();
         let held = agree.iter().map(|n| n * n.transpose()).sum::<Matrix2<f32>>();
+        // Parallel edges alone would not show a motion along them.
         let is_held = held.symmetric_eigenvalues().min() >= MIN_HOLD;
         if is_held && agree.len() as f64 >= MIN_AGREE * shifts.len() as f64 {
             OutlineMeasurement::Measured(steadiness(&seen))
@@ -243,6 +247,8 @@ fn moved(shifts: &[(Vector2<f32>, f32)]) -> Vector2<f32> {
         let Some(inverse) = normal.try_inverse() else { return d };
         d = inverse * right;
         let mut left: Vec<f32> = shifts.iter().map(|(n, shift)| (n.dot(&d) - shift).abs()).collect();
+        // Profiles that a drop or a hand covers are left out; with a lower bound, so that perfect agreement does not
+        // leave out everything.
         bound = (3.0 * middle(&mut left)).max(0.05);
     }
     d

@@ -146,6 +146,8 @@ impl Watch {
             return Err(InspectError::PictureSize { found_width, found_height, width, height });
         }
         let (previous_s, previous) = self.last.unwrap_or((f64::NEG_INFINITY, Phase::Dry));
+        // All times of a break come from the pictures' timestamps; a clock that jumps would shorten or lengthen every
+        // one of them.
         if !(time_s.is_finite() && time_s > previous_s) {
             return Err(InspectError::TimeOrder { time_s, previous_s });
         }
@@ -155,6 +157,7 @@ impl Watch {
         if self.frames + 1 >= MAX_PICTURES {
             return Err(InspectError::TooManyPictures { most: MAX_PICTURES - 1 });
         }
+        // A dry picture after the film began would show water as the dry look, and hide every break there.
         if phase < previous {
             return Err(InspectError::PhaseOrder { time_s, phase, previous });
         }
@@ -163,15 +166,20 @@ impl Watch {
 
     fn wet(&mut self, picture: &ColorPicture, time_s: f64) -> Result<Step, InspectError> {
         self.frames += 1;
+        // Without a dry picture the first wet one is the reference for outline and sharpness, so that a motion is still
+        // found.
         if self.first_wet_s.is_none() && !self.model.has_dry() {
             self.quality.first_sharpness = self.outline.begin(picture);
         }
+        // Pictures that are missing at the beginning are a gap as any other: a break may have opened in them.
         let late_s = self.begins_s.take().map_or(0.0, |begins_s| time_s - begins_s);
         let since_wet_s = time_s - *self.first_wet_s.get_or_insert(time_s);
         self.longest_gap_s = self.longest_gap_s.max(late_s).max(since_wet_s - self.observed_s);
         self.observed_s = since_wet_s;
         let (model, outline) = (&mut self.model, &self.outline);
         let (look, steady) = rayon::join(|| model.look(picture), || outline.hold_against(picture));
+        // A picture that cannot be used is skipped and counted. To judge it would turn a shadow into a break, or a
+        // flash into film.
         let usable = self.quality.add(&look, steady, &self.settings, since_wet_s);
         let before = self.time_to_break_s.clone();
         if usable {
@@ -193,6 +201,7 @@ impl Watch {
             self.footprint.add_area(index, &mut self.broken_mm2);
         }
         for (time, broken_mm2) in self.time_to_break_s.iter_mut().zip(&self.broken_mm2) {
+            // The first time stays: a break that closes again has happened.
             if time.is_none() && *broken_mm2 >= self.demands.min_break_mm2 {
                 *time = Some(since_wet_s);
             }

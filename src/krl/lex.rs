@@ -52,6 +52,8 @@ pub(super) fn tokens(line: &str) -> (Vec<Token>, Option<String>) {
                 rest = &rest[length..];
             }
             Err(message) => {
+                // The rest of the line is not guessed: tokens behind an unknown character would give a second, wrong
+                // message.
                 found.push(Token::Unreadable);
                 return (found, Some(message));
             }
@@ -109,6 +111,7 @@ fn based(rest: &str) -> Result<(Token, usize), String> {
         Some(b'B' | b'b') => 2,
         _ => return Err(wrong()),
     };
+    // Read as unsigned and reinterpreted: a bit pattern such as 'HFFFFFFFF' is the INT −1 on the controller.
     let bits = u32::from_str_radix(digits, base).map_err(|_| wrong())?;
     Ok((Token::Int(i64::from(bits.cast_signed())), inside.len() + 2))
 }

@@ -68,6 +68,7 @@ pub(super) struct Parser {
 impl Parser {
     fn read_lines(&mut self, text: &str) {
         let text = text.trim_start_matches('\u{feff}');
+        // Old editors leave rubbish behind DOS's end mark, which a controller does not read either.
         let text = text.split(END_OF_TEXT).next().unwrap_or_default();
         // A file without line feeds ends its lines with carriage returns only.
         let end = if text.contains('\n') { '\n' } else { '\r' };
@@ -93,6 +94,7 @@ impl Parser {
             return;
         }
         if !self.lines.iter().any(opens_a_routine) {
+            // The messages on its lines would hide the only one that helps: this is another kind of file.
             self.problems.clear();
             self.problem(1, "", "the file has neither DEF nor DEFFCT nor DEFDAT: it is no KRL");
             return;
@@ -143,6 +145,7 @@ impl Parser {
     /// Reports why a line is not read, unless its characters were reported already.
     pub(super) fn report(&mut self, line: usize, tokens: &[Token], key: &str, unread: Unread) {
         match unread {
+            // The unreadable character was reported; that the statement is incomplete is its consequence.
             Unread::Wrong(_) if tokens.contains(&Token::Unreadable) => {}
             Unread::Wrong(message) => self.problem(line, key, message),
             Unread::NotChecked(message) => self.warn(line, key, format!("not checked: {message}")),
@@ -202,6 +205,7 @@ impl Parser {
             self.first_word().filter(|_| !self.lines.get(self.at).is_some_and(opens_a_routine))
         {
             self.problem(line, &first, format!("DEF or DEFFCT is expected instead of '{first}'"));
+            // One message for all lines up to the next routine, instead of one for each.
             while self.lines.get(self.at).is_some_and(|line| !opens_a_routine(line)) {
                 self.at += 1;
             }

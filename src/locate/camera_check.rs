@@ -102,6 +102,7 @@ fn compared<F: Frame>(
     let same_faces =
         faces.iter().filter(|face| face.residual.abs() <= SAME_FACE_MM).count() as f64 / faces.len() as f64;
     let (edges, same_edges) = still.edges(panel, (grid, scan));
+    // The smaller share: either kind alone shows a fixture that has changed.
     let same = same_edges.map_or(same_faces, |same_edges| same_edges.min(same_faces));
     let centre = RigidF32::from_rigid(placed).point(&model.centre);
     let identity: Rigid<Camera, Panel> = *placed;
@@ -124,6 +125,8 @@ fn compared<F: Frame>(
             cutoff: (4.7 * spread(&edges)).max(EDGE_FLOOR_PX),
         };
         let mut sums = Sums::over(&faces, &of_faces, &centre).plus(Sums::over(&edges, &of_edges, &centre));
+        // With the prior a direction that the fixture does not show stays uncertain by the prior's size, instead of
+        // free.
         for axis in 0..6 {
             let sigma = if axis < 3 { PRIOR_RAD } else { PRIOR_MM };
             sums.information[(axis, axis)] += 1.0 / (sigma * sigma);

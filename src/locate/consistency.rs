@@ -39,6 +39,8 @@ impl ConsistencyScore {
         let surface = chosen.par_iter().with_min_len(512).map(|&i| match observe_point(&motion, model, grid, i) {
             PointObservation::On(residual_mm) => Some(residual_mm.abs() <= SURFACE_NEAR_MM),
             PointObservation::Through => Some(false),
+            // An object in front of the panel hides it and contradicts nothing; only a ray that passes through the
+            // panel does.
             PointObservation::Near | PointObservation::Hidden | PointObservation::Unknown => None,
         });
         let marks = model
@@ -61,6 +63,7 @@ impl ConsistencyScore {
         let mut alone_mm = [0.0; 2];
         for ((a, b), length_mm) in self.said.iter().zip(&other.said).zip(&self.lengths_mm) {
             match (a, b) {
+                // A place that is unknown at one of the two poses says nothing about their difference.
                 (Some(true), Some(false)) => alone_mm[0] += length_mm,
                 (Some(false), Some(true)) => alone_mm[1] += length_mm,
                 _ => {}

@@ -52,6 +52,8 @@ pub fn find(
     which: CornerName,
     px_per_mm: f64,
 ) -> Result<CornerFound, CornerError> {
+    // The filter keeps edges. The edges themselves are fitted on the unfiltered picture below, since a filter moves
+    // them by fractions of a pixel.
     let filtered = bilateral_filter(picture, settings.bilateral_diameter_px(), settings.bilateral_sigma_gray())?;
     let contour = panel_contour(&filtered, settings)?;
     let box_px = min_area_box(&contour)?;
@@ -68,6 +70,7 @@ pub fn find(
         edge::Length { skip_px: settings.rounding_mm() * px_per_mm, fit_px: settings.edge_mm() * px_per_mm };
     let fitted = |start: usize, step: isize| {
         let along = walk(&contour, start, step).take_while(|&(_, way_px)| way_px <= length.skip_px + length.fit_px);
+        // Points on the picture's border follow the border and not the panel.
         let beside = along.filter(|&(pixel, way_px)| way_px >= length.skip_px && inside(pixel));
         edge::fit(picture, &beside.map(|(pixel, _)| pixel).collect::<Vec<_>>(), length)
     };
@@ -103,6 +106,7 @@ fn panel_contour(filtered: &GrayPicture, settings: &recipe::Corner) -> Result<Ve
     let (min, max) = (settings.panel_gray_min(), settings.panel_gray_max());
     let inside = filtered.gray.iter().map(|&gray| (min..=max).contains(&usize::from(gray))).collect();
     let mask = Mask { width: filtered.width, height: filtered.height, inside };
+    // The largest contour: smaller ones are reflections and labels with the panel's grey levels.
     let contour = outer_contours(&mask)?.into_iter().next().ok_or(CornerError::NoContour { min, max })?;
     let share = polygon::signed_area_px2(&contour).abs() / (mask.width * mask.height) as f64;
     if share < MIN_PICTURE_SHARE {

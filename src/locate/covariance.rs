@@ -146,6 +146,7 @@ pub(super) fn covariance(
     let of_edges = inverse * of_edges * inverse;
     let variances =
         [factors[SURFACE] * weighing[SURFACE].sigma.powi(2), deviation.map_or(0.0, |it| it.rms_mm.powi(2))];
+    // The correlation length of the scan's own error is not known; the most harmful length counts.
     let at_lengths: Vec<Matrix6<f64>> =
         ALIKE_MM.par_iter().map(|&alike_mm| of_edges + surface.covariance(alike_mm, variances)).collect();
     let without_scale = at_lengths
@@ -288,6 +289,7 @@ fn inflation(constraints: &[Constraint], weighing: &ResidualWeighting, cell: imp
         let sums = cells.entry(cell(constraint.sample)).or_default();
         *sums = (sums.0 + robust, sums.1 + robust * constraint.residual);
     }
+    // A cell at the rim with a few points has a noisy mean, which would look like correlated noise.
     let filled = cells.values().filter(|(weight, _)| *weight >= CELL_FILLED * weighing.correlated_count);
     let (count, squares) = filled.fold((0.0, 0.0), |(count, squares), (weight, sum)| {
         let mean = sum / weight;
@@ -307,6 +309,7 @@ pub(super) fn worst_mm(covariance: &Matrix6<f64>, model: &Model, motion: &RigidF
         a.fixed_view_mut::<3, 3>(0, 3).copy_from(&Matrix3::identity());
         (a * covariance * a.transpose()).symmetric_eigenvalues().max()
     };
+    // The outline alone: the displacement by a small rotation is largest at the rim.
     model.outline.iter().step_by(4).map(|sample| at(&sample.point)).fold(0.0, f64::max).max(0.0).sqrt()
 }
 

@@ -49,6 +49,8 @@ pub(super) fn follow(fitted: Fitted, inputs: FitInputs<'_>, samples: &Samples) -
             break;
         };
         let model = deviation.bent(inputs.model);
+        // Fitted again after each bend: the outline of the bent panel lies elsewhere, and it alone holds a bent panel
+        // sideways.
         let Some(fitted) = fit(&bent.fitted.camera_from_panel, FitInputs { model: &model, ..inputs }, samples)
         else {
             break;
@@ -119,9 +121,12 @@ impl Deviation {
         let seen = |index: usize| {
             let constraint = &residuals.surface[index];
             let sample = constraint.sample;
+            // The total deviation from the taught panel is fitted in each round, so that rounds do not add up rounding
+            // and noise.
             let before_mm = bent.map_or(0.0, |bent| bent.mm(&model.points[sample], &model.normals[sample]));
             let at = [0, 1].map(|axis| (places[sample][axis] - low_mm[axis]) / sides_mm[axis]);
             let height = Height { at, mm: before_mm - constraint.residual };
+            // Beyond this it is another object, which must not bend the panel towards itself.
             (height.mm.abs() <= MAX_DISTANCE_MM).then_some((sample, height))
         };
         let seen: Vec<(usize, Height)> =
@@ -143,6 +148,7 @@ impl Deviation {
             squares += row * row.transpose();
             sums += row * *there_mm;
         }
+        // A shift and two tilts belong to the pose: left in the bend, they would be counted twice or not at all.
         let rigid = squares.cholesky()?.solve(&sums);
         let sizes: Vec<f64> = of_panel.iter().map(|(row, there_mm)| there_mm - rigid.dot(row)).collect();
         let mut deviation = Deviation { plane, field, low_mm, sides_mm, rigid, largest_mm: 0.0, rms_mm: 0.0 };

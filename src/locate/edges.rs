@@ -111,6 +111,7 @@ pub(super) fn edge(
     is_patchy: bool,
 ) -> Edge {
     let reach = REACH as i32;
+    // The whole line must be in the picture: half of it could show one side of the edge only.
     let margin = f64::from(reach) + 1.0;
     let (width, height) = (scan.width() as f64, scan.height() as f64);
     let inside = pixel.u >= margin && pixel.v >= margin && pixel.u < width - margin && pixel.v < height - margin;
@@ -142,6 +143,7 @@ pub(super) fn edge(
     let line = profile::line(scan, pixel, [across.x, across.y]);
     let near = |expected_px: f64| {
         let step = profile::step(line.as_ref()?, expected_px)?;
+        // A step farther away is paint, a shadow or another object, although it may be the strongest one.
         ((step.offset_px - expected_px).abs() <= COLOUR_NEAR_PX).then_some(step)
     };
     match near(rough_px).or_else(|| if is_patchy { strongest(&depths, near) } else { None }) {
@@ -182,6 +184,7 @@ fn by_depth(depths: &[Depth]) -> Rough {
     let ends = |i: i32, what: Depth| at(i) == what && (i + 1..i + 4).filter(|&j| at(j) == what).count() >= 2;
     let farther = (0..count).find(|&i| ends(i, Depth::Farther));
     let nearer = (0..count).find(|&i| ends(i, Depth::Nearer));
+    // Something nearer before the surface ends: the edge may be behind it.
     let hidden = nearer.is_some_and(|near| farther.is_none_or(|far| near < far));
     if hidden {
         return Rough::Not(Edge::Hidden);
@@ -200,6 +203,8 @@ fn by_depth(depths: &[Depth]) -> Rough {
         return Rough::Not(Edge::Absent);
     }
     let open = farther.map_or(2, |far| far - last_on);
+    // Points at an edge are missing on both sides of it, so that the edge is in the middle of the gap; of a wide gap
+    // only the rim counts.
     let rough_px = f64::from(last_on - middle) + f64::from(open.min(RIM_PX)) / 2.0;
     if open <= MAX_OPEN_PX { Rough::At(rough_px) } else { Rough::Near(rough_px) }
 }

@@ -182,6 +182,7 @@ pub(super) fn weigh(
     let outline = OutlineShares::compute(&residuals, model);
     // The places of missing points at teaching and now are independent of each other.
     let of_expected = |share: f64| (share / model.given).min(1.0);
+    // The mount enters only here: everything before is in the camera's frame and does not depend on its calibration.
     let base_from_panel = base_from_camera * placed;
     let (shift_mm, turn, tilt) = displacement(base_from_panel, model);
     let (px_per_mm, _) = grid.camera.px_per_mm_at(residuals.centre.z);

@@ -128,6 +128,7 @@ impl Residuals {
         }
         let (marks, mark_edges) = marks_at(&motion, inputs, &samples.marks);
         let centre = motion.point(&model.centre);
+        // Seen from another side, an error of the taught depth moves the outline sideways in the picture.
         let taught_noise_px =
             model.range.of_taught_mm * model.view_change(&motion) * grid.camera.px_per_mm_at(centre.z).0;
         let surface = surface.into_iter().flatten().collect();
@@ -140,7 +141,11 @@ impl Residuals {
         let length_mm: f64 = model.outline.iter().map(|sample| sample.length_mm).sum();
         let edge_mm = length_mm / samples.outline.len().max(1) as f64;
         let edge_correlated_count = (EDGE_CORRELATION_MM / edge_mm).max(1.0);
+        // With fewer samples, fewer neighbours share one error; without this factor a selection would weigh less than
+        // the whole.
         let marks_taken = samples.marks.len() as f64 / model.marks.points.len().max(1) as f64;
+        // The spread of the residuals themselves, since it is large at the start and small at the end. The floor keeps
+        // a perfect fit from rejecting its own noise.
         let reach = |constraints: &[Constraint], floor: f64| (REACH_SIGMAS * spread(constraints)).max(floor);
         [
             ResidualWeighting {
@@ -214,6 +219,8 @@ pub(super) fn fit(guess: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, samples: 
     let mut fitted = Fitted { camera_from_panel: *guess, iterations: 0, last_step_mm: f64::INFINITY };
     while fitted.iterations < MAX_STEPS && fitted.last_step_mm > CONVERGED_MM {
         let residuals = Residuals::at(&fitted.camera_from_panel, inputs, samples);
+        // Weighed again in each step: the cutoff shrinks with the residuals, so that outliers lose their pull as the
+        // fit improves.
         let weighing = residuals.weighing(inputs.model, samples);
         let twist = residuals.sums(&weighing).twist()?;
         let next = apply_twist(&fitted.camera_from_panel, &residuals.centre, &twist);

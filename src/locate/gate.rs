@@ -65,6 +65,7 @@ pub fn judge(fit: &Fit, recipe: &Recipe) -> Judgement {
 pub fn checks(fit: &Fit, recipe: &Recipe) -> Vec<Check> {
     let limits = recipe.locate();
     let of_panel = [panel(fit, limits), picture(fit), camera::camera(fit)].concat();
+    // Judged first: a pose of another object has no meaning, and its numbers would hide the one reason that helps.
     let is_rejected = Judgement::of_checks(&of_panel).verdict == Verdict::Reject;
     let bend = vec![bend(fit, recipe.surface())];
     let of_pose = [bend, camera::watch(fit), pose::knowledge(fit), pose::motion(fit, limits)].concat();
@@ -127,6 +128,7 @@ fn bend(fit: &Fit, limits: &recipe::Surface) -> Check {
     let limit_mm = limits.max_deviation_mm();
     let check =
         Check::new(name::BEND, "mm", fit.deviation_mm).at_most(limit_mm, SetBy::recipe("surface.max_deviation_mm"));
+    // A bend that could not be measured counts as too large.
     let is_bent = fit.deviation_mm.is_none_or(|mm| exceeds(mm, limit_mm));
     check.broken(is_bent, Severity::Review, "bent", || match fit.deviation_mm {
         Some(mm) => {

@@ -152,6 +152,8 @@ impl<'a> Prepared<'a> {
         if candidates.is_empty() {
             return Err(nothing_fits(model, pieces, inside.iter().filter(|inside| **inside).count()));
         }
+        // Searched in full at every localization, without a start value: a start from the last pose would hide a panel
+        // that lies the other way round.
         let hypotheses = search::search(model, (grid, view.scan), &candidates);
         let inputs = self.inputs();
         let hypotheses = (hypotheses.as_slice(), view.base_from_camera);
@@ -168,6 +170,8 @@ impl<'a> Prepared<'a> {
             || camera_check::check(taught, self.taught_model, (grid, view.scan), inside, &fitted.camera_from_panel),
         );
         let is_watched = gate::is_watched(camera.map(|camera| camera.uncertainty_mm));
+        // Only if today's scan cannot show a motion of the camera: the fixture may be hidden today although the taught
+        // scan showed it.
         let asked = (!is_watched).then(|| camera_check::at_teaching_mm(taught, self.taught_model, self.settings));
         let beside =
             FurtherEvidence { agreement_mm, rival, camera, camera_at_teaching_mm: asked.flatten(), deviation };
@@ -175,6 +179,8 @@ impl<'a> Prepared<'a> {
             Registration::PointToPlane => evidence::weigh(&fitted, inputs, pieces, view.base_from_camera, beside),
             Registration::Thesis => {
                 let camera_from_panel = self.by_thesis(&best);
+                // The thesis's method states no error of its own; the distance from the pose with a stated error bounds
+                // it.
                 let off_mm = inputs.model.largest_distance_mm(&camera_from_panel, &fitted.camera_from_panel);
                 let placed = Fitted { camera_from_panel, ..fitted };
                 let fit = evidence::weigh(&placed, inputs, pieces, view.base_from_camera, beside)?;
@@ -219,7 +225,7 @@ fn is_bent(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>) -> bool {
     deviation.is_some_and(|deviation| deviation.largest_mm > SURFACE_NEAR_MM)
 }
 
-/// Fits the hypotheses and returns the pose that no other pose beats, with its closest competitor.
+/// Fits the hypotheses and returns the pose that no other pose beats, with its closest rival.
 fn choose(
     (hypotheses, base_from_camera): (&[PoseHypothesis], Rigid<Base, Camera>),
     inputs: FitInputs<'_>,
@@ -244,6 +250,8 @@ fn choose(
         for_a > for_b
     };
     let mut best = 0;
+    // By pairs and not by a sum: only places where two poses differ can decide between them, and a sum would count
+    // hidden places for the one that hides more.
     for other in 1..fitted.len() {
         if beats(&fitted[other].1, &fitted[best].1) {
             best = other;
@@ -253,6 +261,7 @@ fn choose(
         return None;
     }
     let (first, score) = fitted.swap_remove(best);
+    // Ends of one basin differ by much less than this; a panel that fits turned or shifted differs by more.
     let same_mm = 0.05 * search::reach_mm(inputs.model);
     let rivals = fitted.iter().filter(|(other, _)| inputs.model.largest_distance_mm(&first, other) > same_mm);
     let rival = rivals.map(|(other, against)| {
@@ -278,6 +287,7 @@ fn agreement_mm(fitted: &Fitted, inputs: FitInputs<'_>) -> f64 {
     });
     let samples = Samples::some(inputs.model, WEIGHING_SAMPLES);
     let ends: Vec<Option<Fitted>> = starts.par_iter().map(|start| fit::fit(start, inputs, &samples)).collect();
+    // A start that does not converge is evidence against the pose, not a missing number.
     let Some(ends) = ends.into_iter().collect::<Option<Vec<Fitted>>>() else { return f64::INFINITY };
     let apart =
         |a: &Fitted, b: &Fitted| inputs.model.largest_distance_mm(&a.camera_from_panel, &b.camera_from_panel);

@@ -86,6 +86,8 @@ pub fn refine(
     let base_from_base = common_motion(&seen);
     let moved = |seen: &CornerObservation| (base_from_base * seen.point - seen.point).mm;
     let along = |seen: &CornerObservation| [moved(seen).dot(&seen.right.mm), moved(seen).dot(&seen.down.mm)];
+    // What the common motion leaves at each corner is the evidence that the corners agree; a rigid panel leaves
+    // nothing.
     let report = |seen: &CornerObservation| {
         let [right, down] = along(seen);
         CornerReport {
@@ -149,6 +151,7 @@ fn common_motion(seen: &[CornerObservation]) -> Rigid<Base, Base> {
     let apart_mm =
         (seen.iter().map(|view| (view.point.mm.coords - middle).norm_squared()).sum::<f64>() / count).sqrt();
     let about = about.filter(|_| apart_mm >= MIN_APART_MM).unwrap_or_else(Vector3::zeros);
+    // Rotations in mm at the corners' distance, so that one weight limit serves for rotations and shifts.
     let radius_mm = apart_mm.max(MIN_APART_MM);
     let (mut weight, mut wanted) = (Matrix4::zeros(), Vector4::zeros());
     for view in seen {

@@ -100,11 +100,15 @@ pub(super) fn candidates(model: &Model, grid: &Grid, pieces: &[Piece]) -> Vec<Pi
         pieces.iter().filter(|piece| (PART..TOO_LARGE).contains(&(piece.area_mm2 / model.area_mm2))).collect();
     let reach_mm = reach_mm(model);
     let mut joined = Vec::new();
+    // The pieces are sorted by size: the largest together, not every subset, since a strap divides a panel into a few
+    // large parts.
     for count in 2..=parts.len().min(4) {
         let whole = Piece::joined(grid, &parts[..count]);
+        // Somewhat more than the panel itself, because the parts also contain what a holder or the ground adds to them.
         let fits = |whole: &Piece| whole.area_mm2 < 1.3 * model.area_mm2 && whole.reach_mm < 1.4 * reach_mm;
         joined.extend(whole.filter(fits));
     }
+    // The largest three: a search box holds the panel and a few objects, and each start costs a whole search.
     let large = |piece: &Piece| (ALONE..TOO_LARGE).contains(&(piece.area_mm2 / model.area_mm2));
     let mut found: Vec<Piece> = pieces.iter().filter(|piece| large(piece)).take(3).cloned().collect();
     found.extend(joined);
@@ -145,6 +149,8 @@ pub(super) fn search(model: &Model, (grid, scan): (&Grid, &Scan), pieces: &[Piec
         let far = |other: &PoseHypothesis| {
             model.largest_distance_mm(&other.camera_from_panel, &hypothesis.camera_from_panel) > SAME * reach_mm
         };
+        // The margin is wide: the score is coarse, and a symmetric panel's other placement must stay to be weighed by
+        // the full fit.
         if distinct.len() < kept(model) && hypothesis.score > best - WORSE && distinct.iter().all(far) {
             distinct.push(hypothesis);
         }
@@ -166,6 +172,8 @@ fn best_shift(model: &Model, grid: &Grid, piece: &Piece, turn: f64, reach_mm: f6
             let point = piece.centre + shift + offset;
             match grid.camera.project(camera_point(&point)).map(|pixel| grid.look(pixel)) {
                 Some(DepthReading::Smooth(z) | DepthReading::Rough(z)) if (z - point.z).abs() < near_mm => 1.0,
+                // The ray passes through the panel: the strongest evidence against it. A nearer surface may be an
+                // object in front.
                 Some(DepthReading::Smooth(z) | DepthReading::Rough(z)) if z > point.z => -1.0,
                 Some(DepthReading::Smooth(_) | DepthReading::Rough(_)) => -0.5,
                 _ => -0.3,
@@ -213,6 +221,8 @@ fn move_onto(start: Rigid<Camera, Panel>, model: &Model, grid: &Grid, by: By<'_>
     let on_lines = spread_over(count, MOVE_LINES);
     let mut placed = start;
     for round in first_round..ROUNDS {
+        // A wide reach first, so that the start is pulled from far; a narrow one at the end, so that other objects lose
+        // their pull.
         let shrunk = SHRINK.powi(round as i32);
         let motion = RigidF32::from_rigid(&placed);
         let centre = motion.point(&model.centre);
@@ -278,6 +288,8 @@ fn score(placed: &Rigid<Camera, Panel>, model: &Model, grid: &Grid, piece: &Piec
     let chosen = spread_over(model.points.len(), SCORE_POINTS);
     let of_point = |&i: &usize| match observe_point(&motion, model, grid, i) {
         PointObservation::On(_) => 1.0,
+        // Twice the weight of a point that fits: a panel that is present cannot be seen through, while many surfaces
+        // fit by chance.
         PointObservation::Through => -2.0,
         PointObservation::Near | PointObservation::Hidden | PointObservation::Unknown => 0.0,
     };
@@ -287,6 +299,7 @@ fn score(placed: &Rigid<Camera, Panel>, model: &Model, grid: &Grid, piece: &Piec
         border_at(&motion, model, grid, &lines.border, k).map_or(0.0, |at| {
             if at.residual.abs() <= ON_BLOCKS {
                 1.0
+            // The panel may end here or have no points here: neither counts.
             } else if model.is_patchy() && is_unknown_beside(&motion, model, grid, k) {
                 0.0
             } else if at.residual > 0.0 {

@@ -20,6 +20,7 @@ pub(super) fn may_hide(grid: &Grid, pixel: Pixel, depth_mm: f64) -> bool {
         return false;
     }
     let (column, row) = (x as usize, y as usize);
+    // Along the row, because lens and projector lie side by side.
     (0..grid.columns).any(|other| {
         let away_px = (column.abs_diff(other) * grid.factor) as f64;
         let reaches =

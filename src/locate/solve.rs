@@ -91,6 +91,8 @@ impl Sums {
         if constraints.len() <= CHUNK {
             return chunk(constraints);
         }
+        // Collected and then added in order: the sum of floats must not depend on which thread is first, or a replay
+        // would differ.
         constraints.par_chunks(CHUNK).map(chunk).collect::<Vec<_>>().into_iter().fold(Sums::ZERO, Sums::plus)
     }
 
@@ -101,6 +103,8 @@ impl Sums {
     /// Returns the twist of (1); `None` if a direction is free.
     pub fn twist(&self) -> Option<Vector6<f64>> {
         let inverse = self.information.try_inverse()?;
+        // A matrix can have an inverse by rounding alone; a direction without information must end as such, not as a
+        // huge step.
         let held = (0..6).all(|i| 1.0 / inverse[(i, i)] > MIN_CONDITION * self.information[(i, i)]);
         let cholesky = held.then(|| self.information.cholesky()).flatten()?;
         let twist = -cholesky.solve(&self.gradient);
@@ -125,6 +129,8 @@ pub(super) fn apply_twist(
 ) -> Rigid<Camera, Panel> {
     let turn = UnitQuaternion::from_scaled_axis(Vector3::new(twist[0], twist[1], twist[2]));
     let shift = Vector3::new(twist[3], twist[4], twist[5]);
+    // About the panel's middle and not the camera: otherwise a small rotation also shifts the panel by metres times its
+    // angle, and the two are hardly separable.
     let moved: Rigid<Camera, Camera> =
         Rigid::claim(Isometry3::from_parts(Translation3::from(centre + shift - turn * centre), turn));
     moved * *camera_from_panel

@@ -38,7 +38,7 @@ pub enum Body {
 }
 
 impl Body {
-    /// ChunkOwner it is.
+    /// What it is.
     pub fn kind(&self) -> Kind {
         match self {
             Body::Cycle(_) => Kind::Cycle,

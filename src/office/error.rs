@@ -1,6 +1,6 @@
 //! Errors for a message that is not a valid message of a cell.
 
-/// ChunkOwner is wrong with a message.
+/// What is wrong with a message.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum OfficeError {
     /// The message cannot be read as a message of a cell.

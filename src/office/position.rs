@@ -12,7 +12,7 @@ pub struct Position {
     pub number: u64,
 }
 
-/// ChunkOwner it is.
+/// What it is.
 #[derive(
     Debug,
     Clone,
@@ -56,7 +56,7 @@ pub struct Listed {
     /// Its name.
     #[serde(flatten)]
     pub position: Position,
-    /// ChunkOwner it is.
+    /// What it is.
     pub kind: Kind,
     /// SHA-256 of the item's content.
     pub hash: String,

@@ -51,6 +51,7 @@ pub(super) fn tool_path(
     let mut stations: Vec<Station> = Vec::with_capacity(piece.track.len() + 8);
     let flown = before.into_iter().flat_map(|from| between(surface, from, down.unwrap_or(first), piece.spacing_mm));
     stations.extend(flown.map(air));
+    // The first station is in air, since the interlocks start the tool there.
     stations.push(air(down.unwrap_or(first)));
     stations.extend(down.map(low));
     stations.extend(piece.track.iter().zip(&piece.contact).zip(feeds_mm_s).map(on));
@@ -88,8 +89,12 @@ fn waypoints(
     let waypoint = |(index, station): (usize, &Station)| {
         let before_mm = index.checked_sub(1).and_then(|before| lengths_mm.get(before)).copied();
         let after_mm = lengths_mm.get(index).copied();
+        // The controller plans one line at a time: a line that is executed faster than that would stop the tool on the
+        // panel.
         let feed_mm_s = before_mm.map_or(station.feed_mm_s, |mm| station.feed_mm_s.min(mm / planning_s));
         let touches_down = |other: Option<&Station>| other.is_some_and(|other| other.contact != station.contact);
+        // Without a landing slope the corner at the panel is exact: rounded, the pad would touch before its place, with
+        // a sideways motion.
         let straight_down = settings.landing_mm() == 0.0
             && station.contact
             && (touches_down(index.checked_sub(1).and_then(|n| stations.get(n)))

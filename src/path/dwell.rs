@@ -12,6 +12,7 @@ pub fn planned(plan: &Plan) -> Vec<Executed> {
         let panel_from_tool = waypoint.panel_from_tool;
         let before = executed.last().map_or(panel_from_tool, |last| last.panel_from_tool);
         let seconds = before.origin().distance_mm(panel_from_tool.origin()) / waypoint.feed_mm_s;
+        // The way down to the first waypoint in contact presses on nothing until its end.
         let contact = waypoint.contact && index > 0 && all[index - 1].contact;
         executed.push(Executed { panel_from_tool, seconds, contact, force_n: None });
     }

@@ -60,6 +60,8 @@ pub(super) fn even(surface: &BSplineSurface, region: &Region, pieces: &[Piece], 
         .iter()
         .map(|lines| std::iter::once(settings.feed_mm_s()).chain(lines.iter().map(&mut feed)).collect())
         .collect();
+    // The result is measured on a finer net than the one on which the feeds were found, so that it cannot be even by
+    // construction.
     let spacing_mm = (radius_mm / 10.0).clamp(0.5, 1.5);
     let of_grid = |id: &GridId| {
         let places = Places::new(surface, patch(id)?, spacing_mm);
@@ -180,6 +182,8 @@ fn slowness(lines: &[&Line], places: &[Places], radius_mm: f64, settings: &recip
         }
         times_s
     };
+    // Never below the time of endless rows: near a border places are short of time, and the target must not follow them
+    // down.
     let wanted_s = wanted_s(times_s(&least), PI * radius_mm * radius_mm / settings.step_over_mm() * fastest);
     let mut slowness = least.clone();
     for _ in 0..STEPS {
@@ -192,6 +196,7 @@ fn slowness(lines: &[&Line], places: &[Places], radius_mm: f64, settings: &recip
                 (weighted + chord_mm * weights[*place], all + chord_mm)
             });
             if sums.1 > 0.0 {
+                // Only slower than the recipe's feed, never faster: a person chose that feed for the disc.
                 *slowness = (*slowness * sums.0 / sums.1).clamp(*least, least.max(MAX_SLOWDOWN * fastest));
             }
         }

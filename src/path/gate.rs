@@ -52,6 +52,8 @@ pub fn broken_in_base(plan: &Plan, base_from_panel: Rigid<Base, Panel>, limits: 
     let waypoints = plan.paths.iter().flat_map(|path| &path.waypoints);
     let poses: Vec<Rigid<Base, Tool>> =
         waypoints.map(|waypoint| base_from_panel * waypoint.panel_from_tool).collect();
+    // A plan has no arm yet, so its first step has no length. The gate before the motion checks that step from the
+    // actual pose.
     let from = poses.first().copied().unwrap_or_else(|| Rigid::claim(Isometry3::identity()));
     broken_by_route(&Route { from, waypoints: &poses, taught_axis: taught_axis(plan) }, limits)
 }
@@ -106,6 +108,7 @@ fn broken_steps(path: &ToolPath, settings: &recipe::Path) -> Vec<Check> {
     }
     let mut broken = Vec::new();
     let in_air = |waypoint: Option<&Waypoint>| waypoint.is_some_and(|waypoint| !waypoint.contact);
+    // The tool starts and stops at these ends; on the panel it would dig in.
     if !(in_air(path.waypoints.first()) && in_air(path.waypoints.last())) {
         let words = || format!("grid {name}: the path does not begin and end above the panel");
         let ends = Check::new("ends of the path above the panel", "", None);
@@ -114,6 +117,8 @@ fn broken_steps(path: &ToolPath, settings: &recipe::Path) -> Vec<Check> {
     for (index, pair) in path.waypoints.windows(2).enumerate() {
         let (from, to) = (pair[0].panel_from_tool, pair[1].panel_from_tool);
         let (step_mm, turn) = (from.origin().distance_mm(to.origin()), turn_between(from, to));
+        // On the way down and up the arm covers the approach height in one step; on the panel the chord between two
+        // waypoints must stay short.
         let limit_mm = if pair[0].contact && pair[1].contact {
             settings.waypoint_spacing_mm() * STEP_TOLERANCE
         } else {
@@ -160,6 +165,7 @@ fn coverage(plan: &Plan) -> Vec<Check> {
     };
     let worst = plan.grids.iter().min_by(|a, b| a.share().total_cmp(&b.share()));
     let least = worst.map_or(1.0, GridCoverage::share);
+    // The worst grid and not the mean: a large region hides a grid of which a tenth is left.
     let of_worst = check(name::COVERAGE.to_owned(), least, &|| worst.map_or(String::new(), words));
     let short = plan.grids.iter().filter(|grid| grid.share().is_nan() || grid.share() < MIN_COVERAGE);
     let short = short.map(|grid| check(format!("{OF_GRID}{}", grid.id), grid.share(), &|| words(grid)));

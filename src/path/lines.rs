@@ -54,6 +54,7 @@ fn without_short(surface: &BSplineSurface, track: &[Parameter], least_mm: f64) -
             kept.last().is_some_and(|(_, last)| last.distance_mm(point) < least_mm)
         };
         if index + 1 == track.len() {
+            // The end of the track stays and earlier places give way: the last line must reach the border.
             while kept.len() > 1 && is_near(&kept) {
                 kept.pop();
             }
@@ -90,6 +91,7 @@ fn laid(
         }
         Pattern::CrossHatch => {
             let angle_deg = settings.feed_angle_deg();
+            // Kept within ±90°, the range that the recipe accepts.
             let other_deg = if angle_deg > 0.0 { angle_deg - 90.0 } else { angle_deg + 90.0 };
             let first = there_and_back(surface, rows_at(surface, patch, &laying, angle_deg)?, spacing_mm);
             let second = there_and_back(surface, rows_at(surface, patch, &laying, other_deg)?, spacing_mm);

@@ -99,6 +99,7 @@ pub fn panel_from_tool(
         Reference::Axis(axis) => axis.mm,
     };
     let z = -normal.mm; // Eq. 4.17
+    // The normal is exact and only the spin follows the reference: the pad must lie flat, whereas its spin is free.
     let across = axis - z * axis.dot(&z);
     let sine = across.norm();
     if sine < MIN_ANGLE.rad().sin() {

@@ -86,6 +86,7 @@ fn planned(
     let areas = areas(region, grids, settings.join_grids());
     let areas = match beyond_mm > 0.0 {
         true => {
+            // The inset at the border, which comes later, takes its part back.
             areas.into_iter().map(|area| widened(surface, area, beyond_mm + border_inset_mm(settings))).collect()
         }
         false => areas,
@@ -93,13 +94,16 @@ fn planned(
     let pieces: Vec<Result<Piece, PlanError>> =
         areas.into_par_iter().map(|area| piece(surface, region, area, (&outline, there), settings)).collect();
     let pieces: Vec<Piece> = pieces.into_iter().collect::<Result<_, _>>()?;
+    // Ordered after they are laid: the way between two pieces depends on where their tracks begin and end.
     let pieces = ordered(surface, pieces);
+    // Over all pieces together, because the disc at the border of one also treats its neighbour.
     let even = even(surface, region, &pieces, settings);
     let mut before = None;
     let mut paths = Vec::with_capacity(pieces.len());
     for (piece, feeds_mm_s) in pieces.iter().zip(&even.feeds_mm_s) {
         let path = tool_path(surface, (piece, feeds_mm_s), before, settings)
             .map_err(|cause| PlanError::Orientation { grid: first_grid(&piece.area), cause })?;
+        // The next path begins above the end of this one, so that the tool crosses the gap in air.
         before = path.1;
         paths.push(path.0);
     }

@@ -132,6 +132,7 @@ pub fn air_at<Active: crate::geometry::Frame>(
         .collect();
     let points = poses.iter().enumerate().map(|(index, pose)| LinearMotion {
         pose: KukaPose::from_rigid(pose),
+        // The last point is exact: a picture or the start of the tool follows there.
         blend_mm: if index + 1 == steps { 0.0 } else { AIR_BLEND_MM.min(BLEND_SHARE * length_mm / steps as f64) },
         contact: false,
         speed_m_s: None,
@@ -146,6 +147,7 @@ pub fn lifted(plan: &Plan, height_mm: f64) -> Plan {
     for waypoint in lifted.paths.iter_mut().flat_map(|path| &mut path.waypoints).filter(|waypoint| waypoint.contact)
     {
         let up = Rigid::<Tool, Tool>::identity().displaced(Vector::new(Vector3::z() * -height_mm));
+        // From the rounded pose, so that an air-run tests exactly the poses that the contact path will send.
         waypoint.panel_from_tool = waypoint.as_sent() * up;
         waypoint.contact = false;
     }
@@ -208,6 +210,8 @@ fn gated<Active: crate::geometry::Frame>(
     let from = base_from_active * from;
     let route = Route { from, waypoints: &poses, taught_axis };
     let (mut broken, mut joints) = (broken_by_route(&route, &WaypointLimits::from(standing.limits)), None);
+    // The arm is followed last: that costs most, and a step that is too long would only be reported again as an axis
+    // that is too fast.
     if broken.is_empty() {
         let legs = poses.iter().zip(&points).map(|(pose, point)| Leg {
             base_from_tool: *pose,
@@ -269,6 +273,8 @@ impl StartState<'_> {
             Some(obstacles) => arm.beside(obstacles.clone()),
             None => arm,
         };
+        // First, because everything below computes with this model of the arm: with another arm each accepted axis
+        // would be wrong.
         is_the_arm(&arm, &self.joints, self.flange_from_tool, from)?;
         match follow(&arm, self.flange_from_tool, Some(&self.joints), legs) {
             Ok(travel) => Ok(travel.joints),

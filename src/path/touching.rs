@@ -32,6 +32,8 @@ pub fn taught_pixels(plan: &Plan, panel: &TaughtPanel, settings: &recipe::Path) 
         let from = before.map_or(to, |before| before.panel_from_tool.origin());
         let steps = (from.distance_mm(to) / STEP_MM).ceil().max(1.0);
         let points = (0..=steps as usize).map(|step| from + Vector::new((to - from).mm * (step as f64 / steps)));
+        // Along the line and not only at the waypoints: between two of them the disc passes over places that neither of
+        // them reaches.
         way.extend(points.map(|point| <[f64; 3]>::from(point.mm)));
     }
     near(&way, settings.disc_diameter_mm() / 2.0 + BEYOND_MM + STEP_MM / 2.0, panel)
@@ -89,6 +91,7 @@ pub fn first_reached(
     };
     let first = |id: GridId| {
         let points = samples(surface, &Patch::of_grid(region, id)?);
+        // The first waypoint counts: from then on the grid may be partly sanded, if the path is cut short.
         (0..all.len()).find(|index| reaches(*index, &points)).map(|index| (id, index))
     };
     plan.grids.iter().filter_map(|grid| first(grid.id)).collect()

@@ -64,6 +64,7 @@ pub fn broken_by_route(route: &Route<'_>, limits: &WaypointLimits) -> Vec<Check>
     if route.waypoints.is_empty() {
         return nothing_moves("waypoints", "no_waypoints", "the path has no waypoint".to_owned());
     }
+    // With the reported pose of the arm as the first: a wrong present pose makes the longest step.
     let all = || std::iter::once(&route.from).chain(route.waypoints);
     if let Some(index) = all().position(|pose| !is_finite(pose)) {
         return nothing_moves("waypoint", "not_finite", format!("waypoint {index} is not a number"));
@@ -81,6 +82,7 @@ pub fn broken_by_route(route: &Route<'_>, limits: &WaypointLimits) -> Vec<Check>
 /// Accepts or rejects axis angles.
 pub fn judge_joints(joints: &Joints) -> Judgement {
     let angles = joints.degrees();
+    // Not a number compares false with every limit, so it is asked for by name.
     let wrong = angles.iter().position(|angle| !angle.is_finite() || angle.abs() > MAX_AXIS_DEG);
     let check = |axis: usize| {
         Check::new(format!("axis {}", axis + 1), "°", angles[axis].abs())

@@ -70,6 +70,7 @@ pub fn descend(columns: &Columns, mut x: Vec<f64>, sought: &Sought<'_>) -> Vec<f
     for _ in 0..sought.rounds {
         for index in 0..count {
             let square = squares[index];
+            // A move that removes nothing on the treated area has no best feed; it keeps its start.
             if square <= 0.0 {
                 continue;
             }
@@ -79,7 +80,11 @@ pub fn descend(columns: &Columns, mut x: Vec<f64>, sought: &Sought<'_>) -> Vec<f
             let mean = beside.iter().sum::<f64>() / beside.len().max(1) as f64;
             let pull = if beside.is_empty() { 0.0 } else { sought.alike };
             let [low, high] = sought.bounds[index];
+            // The pull is in units of the column's own square, so that μ means the same for a move that removes much
+            // and one that removes little.
             let best = x[index] - (slope + pull * square * (x[index] - mean)) / (square * (1.0 + pull));
+            // Clamped in each step: for a convex problem the descent then ends at the best feeds within the limits, not
+            // at clamped best feeds.
             let step = best.clamp(low, high) - x[index];
             if step != 0.0 {
                 x[index] += step;

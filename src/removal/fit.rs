@@ -80,6 +80,7 @@ pub fn fit(coupons: &[Coupon], tool: &CouponTool) -> Result<Fitted, FitError> {
     refuse(coupons, tool)?;
     let exposure: Vec<f64> = coupons.iter().map(|coupon| coupon.exposure_n_mm(tool).ln()).collect();
     let depth: Vec<f64> = coupons.iter().map(|coupon| (coupon.depth_um / 1_000.0).ln()).collect();
+    // In logarithms, since coupons differ by a share of their depth and not by micrometres; the model is a line there.
     let y = DVector::from_iterator(coupons.len(), depth.iter().zip(&exposure).map(|(depth, load)| depth - load));
     let worn = |index: usize| coupons[index].worn_mm2 / MM2_PER_M2;
     let rows = DMatrix::from_fn(coupons.len(), 2, |row, column| if column == 0 { 1.0 } else { -worn(row) });
@@ -112,6 +113,7 @@ fn refuse(coupons: &[Coupon], tool: &CouponTool) -> Result<(), FitError> {
             .fold([f64::INFINITY, 0.0], |[low, high], value| [low.min(value), f64::max(high, value)])
     };
     let [low, high] = extent(&|coupon| coupon.exposure_n_mm(tool));
+    // With one load every law fits: a depth that grows with the root of the load would look like Preston's.
     if high < LEVELS * low {
         return Err(FitError::OneLoad { ratio: high / low });
     }
@@ -131,6 +133,7 @@ fn contradictory(coupons: &[Coupon], left: &DVector<f64>, found: &Line) -> Resul
     }
     let known_m2 = student_95((coupons.len() - 2) as f64) * found.deviation * found.inverse[(1, 1)].sqrt();
     let per_m2 = -found.solution[1];
+    // A disc that removes more as it wears is no disc; within the uncertainty it is one that does not wear.
     if per_m2 > known_m2 { Err(FitError::GrowsWithWear { per_m2, known_m2 }) } else { Ok(()) }
 }
 
@@ -143,6 +146,7 @@ fn left_out(
     let others = line(&rows.clone().remove_row(index), &y.clone().remove_row(index))?;
     let row = rows.row(index).transpose();
     let expected = row.dot(&others.solution);
+    // Of the coupon itself and of the line by the others: the interval is for a new piece, not for the mean.
     let spread = others.deviation * (1.0 + row.dot(&(&others.inverse * &row))).sqrt();
     let redundancy = (coupons.len() - 3) as f64;
     // Limit for any one of all coupons, on either side, by Bonferroni.

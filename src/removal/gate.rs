@@ -23,6 +23,8 @@ const MIN_MEASURED_PLACES: f64 = 8.0;
 /// Returns the checks of all numbers that are judged.
 pub fn checks(found: &Fitted, coupons: &[Coupon]) -> Vec<Check> {
     let known = |coupon: &Coupon| 100.0 * found.preston_share_95(coupon.worn_mm2);
+    // At the worst wear of all coupons: the disc will be used until there, and k is least certain at the ends of the
+    // line.
     let known_percent = coupons.iter().map(known).fold(0.0, f64::max);
     vec![
         few(coupons.len()),
@@ -96,6 +98,8 @@ fn outliers(found: &Fitted, coupons: &[Coupon]) -> Check {
 
 fn power(found: &Fitted) -> Check {
     let [power, known] = found.power;
+    // Both limits: few coupons give an uncertain power that proves nothing, and many give a certain one whose
+    // difference does not matter.
     let is_off = (power - 1.0).abs() > POWER_OFF && (power - 1.0).abs() > known || power.is_nan();
     Check::new("power by which the depth goes with the load", "", power).broken(
         is_off,
@@ -115,6 +119,8 @@ fn power(found: &Fitted) -> Check {
 fn wear(found: &Fitted) -> Check {
     let [per_m2, known_m2] = [found.decay_per_mm2, found.decay_95_per_mm2()].map(|per_mm2| per_mm2 * MM2_PER_M2);
     Check::new("decay of k by what the disc swept", "1/m²", per_m2).broken(
+        // For review and not rejected: over the measured wear the model is right, but beyond it a wear that was not
+        // seen is assumed.
         per_m2 < known_m2,
         crate::verdict::Severity::Review,
         "wear_not_told",

@@ -52,6 +52,7 @@ pub fn removed(
     let of_grid = |id: &GridId| {
         let samples = Samples::for_grid(surface, region, (*id, spacing_mm), ground)?;
         let grid = grid(&samples, treated.contains(id), stretches, (model, force_share_95));
+        // The disc overlaps its neighbours, and their limit of depth holds as well.
         (grid.is_treated || grid.depth_um.iter().any(|depth_um| *depth_um > 0.0)).then_some(grid)
     };
     let grids = ids.par_iter().filter_map(of_grid).collect();
@@ -70,6 +71,8 @@ fn grid(
         let per_pressure = model.preston_at(stretch.swept_mm2) * stretch.rubbed_mm;
         samples.under(stretch, |sample, pressure| {
             depth_mm[sample] += per_pressure * pressure;
+            // The mean wear, weighted by depth: a place that is sanded twice has one uncertainty of k, at the wear that
+            // did most of it.
             swept[sample] += per_pressure * pressure * stretch.swept_mm2;
         });
     }
@@ -131,6 +134,8 @@ impl GridRemoval {
         for (index, (depth_um, deviation)) in self.depth_um.iter_mut().zip(&mut self.deviation).enumerate() {
             let sum_um = *depth_um + before.depth_um[index];
             if sum_um > 0.0 {
+                // Added and not squared: both paths have the same error of k and of the force, which does not average
+                // out.
                 *deviation = (*deviation * *depth_um + before.deviation[index] * before.depth_um[index]) / sum_um;
             }
             *depth_um = sum_um;

@@ -99,6 +99,8 @@ impl Pad {
         let least_bend = bend.symmetric_eigenvalues().min();
         let middle_mm = if least_bend > 0.0 { bend.try_inverse()? * seat.tilt } else { return None };
         let peak_mm = (force_n * bend.determinant().sqrt() / (PI * self.stiffness_n_mm3)).sqrt();
+        // The longest half-axis from a middle that the tilt has moved: if that stays inside of the disc, the rim plays
+        // no part.
         let reach_mm = middle_mm.norm() + (2.0 * peak_mm / least_bend).sqrt();
         (reach_mm <= self.radius_mm).then(|| peak_mm - 0.5 * seat.tilt.dot(&middle_mm))
     }
@@ -133,6 +135,7 @@ impl Pad {
             if over_n.abs() <= FORCE_TOLERANCE * force_n || count == 0 {
                 break;
             }
+            // The force is convex in the depth, so that Newton's steps settle from one side and need no damping.
             depth_mm -= over_n / (each * count as f64);
         }
         Some(depth_mm)

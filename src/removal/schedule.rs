@@ -68,6 +68,7 @@ pub fn schedule(
     let wanted: Vec<f64> = places.iter().map(|area| if *area > 0.0 { 1.0 } else { 0.0 }).collect();
     let mut sought = Sought { wanted: &wanted, bounds: &bounds, alike: ALIKE, rounds: ROUNDS[0] };
     let lowest: Vec<f64> = bounds.iter().map(|[low, _]| *low).collect();
+    // From the highest feeds: the first rounds then add removal at the places that need it.
     let free = descend(&columns, lowest.clone(), &sought);
     let slowed = slowed(&feeds(&model.orbit, moves, &free), moves, target.acceleration_mm_s2);
     // Feeds that were lowered for the acceleration stay low; the other feeds compensate.

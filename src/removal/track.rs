@@ -127,6 +127,7 @@ fn contact(
     let is_whole =
         has_panel(Vector2::zeros()) && (0..RIM_SAMPLES).all(|index| look(index, 1.0) && look(index, 0.5));
     let below: SupportMask<'_> = &has_panel;
+    // The closed form holds for a whole disc; only at the edge is the pressure summed over the part on the panel.
     disc.pad.under(force_n, seat, (!is_whole).then_some(below))
 }
 

@@ -65,6 +65,7 @@ impl Blobs {
             // The process that wrote the file may not have flushed its name.
             Ok(_) => return self.flush_names().map(|()| hash),
             Err(StoreError::File { source, .. }) if source.kind() == ErrorKind::NotFound => {}
+            // A damaged file is not replaced: that something on this disk changes files must be reported, not repaired.
             Err(error) => return Err(error),
         }
         let part = self.part(&hash);
@@ -93,6 +94,7 @@ impl Blobs {
     /// Returns the free space, MB, after a file could be written and flushed here.
     pub(super) fn free_mb(&self) -> Result<u64, StoreError> {
         let probe = self.part("probe");
+        // Written and not only counted: a disk that has become read-only still states its free space.
         let written = write_flushed(&probe, b"probe").map_err(file_error("write", &probe));
         let removed = fs::remove_file(&probe).map_err(file_error("remove", &probe));
         written.and(removed)?;

@@ -78,6 +78,7 @@ impl Store {
         let mut done = self.attempt(&write);
         if done.as_ref().is_err_and(|failed| self.is_full(failed)) {
             self.fullness.fill();
+            // Once only: a second failure with the reserve gone is reported as a full disk.
             if self.reserve.release() {
                 tracing::warn!("the disk of the store is full; the reserve of {} MB is used", reserve::MB);
                 done = self.attempt(&write);
@@ -98,11 +99,15 @@ impl Store {
             return Err(Failed::Unfit(StoreError::ReadOnly { path: self.path().to_owned() }));
         };
         let _turn = head.acquire_turn().map_err(Failed::Head)?;
+        // The write lock is taken at the beginning: a transaction that reads first and then writes can fail in between
+        // with nothing to retry.
         let transaction = self.connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
         let before = chain::last(&transaction)?;
         let mut writing = Writing { transaction, last: before };
         let done = write(&mut writing)?;
         let Writing { transaction, last } = writing;
+        // The head names both ends before the commit: a power cut at any moment then leaves a chain that ends at one of
+        // the two.
         head.prepare(before, last).map_err(Failed::Head)?;
         self.steps.reach(Step::Prepared);
         transaction.commit()?;

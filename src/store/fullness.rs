@@ -45,6 +45,7 @@ impl Fullness {
         if !self.is_full() && is_too_full_for_pictures(blobs.store()) {
             self.fill();
         }
+        // A lost picture is counted and reported; a lost line of the journal would end the cell.
         let kept = if self.is_full() { Ok(None) } else { blobs.put(bytes).map(Some) };
         let kept = match kept {
             Err(StoreError::File { source, .. }) if source.kind() == ErrorKind::StorageFull => {

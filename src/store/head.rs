@@ -134,6 +134,8 @@ impl HeadFile {
 
     fn write(&self, head: Head) -> Result<(), Error> {
         let count = read_from(&self.file)?.map_or(1, |read| read.count + 1);
+        // The two slots alternate, so that a power cut in the middle of a write damages at most the older of two
+        // states.
         let slot = (count % 2) * SLOT_BYTES as u64;
         self.file.write_all_at(&written(&head, count), slot)
     }
@@ -173,6 +175,7 @@ fn read_from(file: &File) -> Result<Option<Read>, Error> {
     match newest {
         Some((count, head)) => Ok(Some(Read { head: *head, is_damaged, count: *count })),
         None if !is_damaged || bytes.is_empty() => Ok(None),
+        // An empty file may be new; two damaged copies are not, and must not be taken for a store without a past.
         None => Err(Error::new(ErrorKind::InvalidData, "both of its copies are damaged")),
     }
 }

@@ -64,6 +64,7 @@ impl Store {
         let number = cycle.map(|id| id.0);
         let line = Line { sequence: 0, cycle: number, unix_ms, event: text, chain: String::new() };
         // The folded state of the journal including this line.
+        // On a copy: if the write fails, the state in memory must be that of the lines on the disk.
         let folded = self.folded.clone().map(|mut folded| {
             folded.step(*event, cycle);
             folded
@@ -98,6 +99,7 @@ impl Store {
     /// journal does not contain.
     pub fn recover(&mut self) -> Result<State, StoreError> {
         let (settled, last, tail) = self.folded()?;
+        // Rows that the last process did not write come before a new event, which may refer to them.
         self.settle(&settled)?;
         if self.writable().is_ok() {
             if tail > checkpoints::TAIL {
@@ -164,6 +166,7 @@ impl Store {
         let mut expected = after + 1;
         for line in lines.query_map([after], Line::from_row).map_err(failed)? {
             let line = line.map_err(failed)?;
+            // A missing line in the middle would fold to another state without any error.
             if line.sequence != expected {
                 return Err(self.journal_problem(expected, format!("the next line is {}", line.sequence)));
             }

@@ -47,6 +47,8 @@ impl Store {
     /// belongs to a newer program or to another one.
     pub fn create(folder: &Path) -> Result<Self, StoreError> {
         let opened = match Store::begin(folder) {
+            // A full disk must not keep the cell from starting: the reserve holds the space for opening and for an
+            // orderly end.
             Err(error) if is_full(&error, folder) && Reserve::new(folder).release() => Store::begin(folder),
             opened => opened,
         };
@@ -74,8 +76,12 @@ impl Store {
 
     fn begin(folder: &Path) -> Result<Self, StoreError> {
         let blobs = Blobs::create(folder)?;
+        // Before anything is read: a second writer would find a head that the first one is about to change, and report
+        // it as damage.
         let lease = Lease::acquire(folder)?;
         let path = folder.join(DATABASE);
+        // What the last process wrote but did not flush is flushed first: a power cut after this start could otherwise
+        // still lose it.
         flush::left_behind(&path)?;
         let told = head::read(folder);
         let failed = |error: rusqlite::Error| StoreError::database("open", &path, &error);
@@ -93,6 +99,7 @@ impl Store {
         let found = store.raise(version).map_err(failed)?.map_err(|error| at_head(folder, error))?;
         store.changed = store.unexplained(told, found)?;
         if store.changed.is_empty() {
+            // Only if nothing contradicts it: a new head would remove the evidence that rows are missing.
             store.settle_head(found).map_err(|error| at_head(folder, error))?;
         } else {
             store.changed.iter().for_each(|words| tracing::warn!("the store was changed: {words}"));
@@ -182,6 +189,8 @@ impl Drop for Store {
         let Ok(Some(head::Read { head: Head { at, next, .. }, .. })) = head::read(self.folder()) else { return };
         let path = self.path().to_owned();
         let Ok(nothing) = Connection::open_in_memory() else { return };
+        // The hash of a database that did not close, or that has other rows than the head states, would explain a wrong
+        // file.
         if std::mem::replace(&mut self.connection, nothing).close().is_err() || at != last {
             return;
         }

@@ -101,6 +101,7 @@ impl Store {
         let has_passed =
             |cycle: &Ended| [Verdict::Pass, Verdict::Accept].iter().any(|it| it.word() == cycle.verdict);
         let mut due = Vec::new();
+        // Counted separately: many good cycles must not push out the few failed ones, which are looked at again.
         for (passed, keep) in [(true, keep.passed), (false, keep.failed)] {
             let of_kind = ended.iter().filter(|cycle| has_passed(cycle) == passed);
             for (newer, cycle) in of_kind.filter(|cycle| cycle.verdict != Verdict::Review.word()).enumerate() {
@@ -131,6 +132,7 @@ impl Store {
         let may = self.commit("write the list of removed files to", |writing| {
             let sql = "SELECT count(*) FROM cycles WHERE verdict IS NULL";
             let running: i64 = writing.query_row(sql, [], |row| row.get(0))?;
+            // Within the transaction, so that no cycle can begin between this read and the rows.
             if running > 0 {
                 return Ok(false);
             }

@@ -5,9 +5,12 @@
 //! Hayati's turn for the nearly parallel axes 2 and 3). All numbers of the chain are off, every axis yields under
 //! the weight of the links, and gears err with the angle. In half of the arms these last two errors are larger.
 
+#[path = "goal.rs"]
+mod goal;
 #[path = "arms/true_arm.rs"]
 mod true_arm;
 
+use goal::Figure;
 use nalgebra::{Isometry3, Matrix3, Point3, Translation3, UnitQuaternion, Vector3};
 use panelprep::calib::Board;
 use panelprep::calib::arm_errors::{ARM_NUMBERS, AxisFault, base_from_flange};
@@ -279,6 +282,12 @@ fn contact(seeds: u64) -> usize {
         held += contacts.iter().filter(|(mm, stated)| mm <= stated).count();
     }
     let (share, held) = (good as f64 / seeds as f64, held as f64 / places.max(1) as f64);
+    let goal = format!("{CONTACT_MM} mm in {} %", 100.0 * SEEDS_SHARE);
+    let found = format!("{good} of {seeds} arms");
+    Figure("calib: simulated arms: contact after calibration").report(&goal, &found, share >= SEEDS_SHARE);
+    let found = format!("{:.1} % of {places}", 100.0 * held);
+    let is_held = (HELD.0..=HELD.1).contains(&held);
+    Figure("calib: places within the stated error").report("90–99 %", &found, is_held);
     let is_good = share >= SEEDS_SHARE && (HELD.0..=HELD.1).contains(&held);
     println!(
         "{} arms of {seeds} seeds: contact within {CONTACT_MM} mm over the whole panel in {:.0} % ({:.0}), {:.1} % of the places within \

@@ -5,8 +5,11 @@
 
 #[path = "../board_pictures.rs"]
 mod board_pictures;
+#[path = "goal.rs"]
+mod goal;
 
 use board_pictures::{Hard, Judged, Rendered, camera, judge, mixture, no_board, render};
+use goal::Figure;
 use opencv::core::{Mat, Point2f, Ptr, Size, TermCriteria, TermCriteria_COUNT, TermCriteria_EPS, Vector};
 use opencv::prelude::*;
 use opencv::{aruco, calib3d, imgproc};
@@ -40,11 +43,14 @@ const CHARUCO: [Peer; 2] =
     [Peer { name: "panelprep", find: own }, Peer { name: "interpolateCornersCharuco", find: charuco }];
 const CIRCLES: [Peer; 2] = [Peer { name: "panelprep", find: own }, Peer { name: "findCirclesGrid", find: circles }];
 
-const KINDS: [(&str, &str, &[Peer]); 4] = [
-    ("chessboard", "9x6", &CHESSBOARD),
-    ("charuco", "charuco:9x7:18:4X4_50", &CHARUCO),
-    ("circles", "circles:9x7:25", &CIRCLES),
-    ("acircles", "acircles:4x11:20", &CIRCLES),
+/// A kind of board: its name on the command line, the board, the detectors, and the figure of the table.
+type Kind = (&'static str, &'static str, &'static [Peer], Figure);
+
+const KINDS: [Kind; 4] = [
+    ("chessboard", "9x6", &CHESSBOARD, Figure("calib: boards found, chessboard")),
+    ("charuco", "charuco:9x7:18:4X4_50", &CHARUCO, Figure("calib: ChArUco")),
+    ("circles", "circles:9x7:25", &CIRCLES, Figure("calib: circles")),
+    ("acircles", "acircles:4x11:20", &CIRCLES, Figure("calib: asymmetric circles")),
 ];
 
 fn main() -> ExitCode {
@@ -60,11 +66,11 @@ fn main() -> ExitCode {
     };
     let only = arguments.iter().find(|argument| KINDS.iter().any(|(kind, ..)| kind == argument));
     let mut missed = 0;
-    for (kind, text, peers) in KINDS {
+    for (kind, text, peers, figure) in KINDS {
         if only.is_none_or(|only| only == kind) {
             let square_mm = if text.contains("circles") { None } else { Some(25.0) };
             let Ok(board) = Board::parse(text, square_mm) else { return ExitCode::FAILURE };
-            missed += sweep(kind, &board, if is_alone { &peers[..1] } else { peers }, &chosen);
+            missed += sweep((kind, figure), &board, if is_alone { &peers[..1] } else { peers }, &chosen);
         }
     }
     println!("{missed} floors were missed");
@@ -157,7 +163,7 @@ impl Tally {
     }
 }
 
-fn sweep(kind: &str, board: &Board, peers: &[Peer], chosen: &Chosen) -> usize {
+fn sweep((kind, figure): (&str, Figure), board: &Board, peers: &[Peer], chosen: &Chosen) -> usize {
     let camera = camera(WIDTH_PX);
     let mut all: Vec<Tally> = peers.iter().map(|_| Tally::default()).collect();
     let mut groups: Vec<(String, Vec<(Hard, u64)>)> = singles(board)
@@ -207,6 +213,8 @@ fn sweep(kind: &str, board: &Board, peers: &[Peer], chosen: &Chosen) -> usize {
         );
     }
     let share = all[0].found as f64 / all[0].of as f64;
+    let found = format!("{} of {}", all[0].found, all[0].of);
+    figure.report(&format!("{} %", 100.0 * FOUND), &found, share >= FOUND);
     let worst_s = all[0].worst_s().max(nothing[0].worst_s());
     let good = share >= FOUND
         && all[0].wrong + nothing[0].wrong == 0

@@ -2,6 +2,10 @@
 //! Vision loopback. Every picture is compared byte by byte, and every missing one is counted. `cargo bench --bench
 //! cameras -- SECONDS`, 600 by default.
 
+#[path = "goal.rs"]
+mod goal;
+
+use goal::Figure;
 use panelprep::devices::gige::{
     ADDRESS, Exposing, Frame, GigeCamera, GigeError, LoopbackCamera, PACKET_BYTES, PixelFormat, Settings,
     Statistics, Which, mosaic,
@@ -99,6 +103,12 @@ fn run(span: Duration) -> Result<(), String> {
     let taken = counted.accepted - before.accepted;
     let missing = exposed.saturating_sub(taken) as f64 / exposed.max(1) as f64;
     println!("not taken: {:.2} %, all of them counted: {}", 100.0 * missing, accounted == exposed);
+    let found = format!("{wrong} of {taken}");
+    let is_same = wrong == 0 && taken > 0;
+    Figure("cameras: flange camera over GigE Vision: pictures that differ").report("0", &found, is_same);
+    let goal = format!("{} %", 100.0 * MAX_LOST_SHARE);
+    let is_whole = missing <= MAX_LOST_SHARE && exposed > 0;
+    Figure("cameras: not taken").report(&goal, &format!("{:.2} %", 100.0 * missing), is_whole);
     let held = wrong == 0 && accounted == exposed && missing <= MAX_LOST_SHARE && exposed > 0;
     if held { Ok(()) } else { Err("the link does not hold what it must".to_owned()) }
 }

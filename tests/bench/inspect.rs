@@ -10,6 +10,8 @@ mod clips;
 mod conditions;
 #[path = "inspect/damage.rs"]
 mod damage;
+#[path = "goal.rs"]
+mod goal;
 #[path = "inspect/optics/mod.rs"]
 mod optics;
 #[path = "inspect/speed.rs"]

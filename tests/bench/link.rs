@@ -11,6 +11,8 @@ mod cell;
 mod clients;
 #[path = "../link/damage.rs"]
 mod damage;
+#[path = "goal.rs"]
+mod goal;
 #[path = "../link/loopback.rs"]
 mod loopback;
 #[path = "../link/oracles.rs"]
@@ -28,6 +30,7 @@ mod link {
 }
 
 use cell::{BASE, Blind, Cell, pass, sanding_tool, setup, speed};
+use goal::Figure;
 use link::peer::Peer;
 use loopback::served;
 use panelprep::devices::mock::Clock;
@@ -81,9 +84,14 @@ fn main() -> ExitCode {
         abort_on_a_hanging_disk(),
         virtual_rate(),
         loopback_rate(),
-        stop_latency("idle", trials, 0, MAX_IDLE_DELAY),
         stop_latency(
-            "both cores busy",
+            ("idle", Figure("link: lost acknowledgement to STOP, p99.9, idle")),
+            trials,
+            0,
+            MAX_IDLE_DELAY,
+        ),
+        stop_latency(
+            ("both cores busy", Figure("link: both cores busy")),
             trials,
             std::thread::available_parallelism().map_or(2, usize::from),
             MAX_BUSY_DELAY,
@@ -114,6 +122,8 @@ fn walks_of_the_programs(walks: u64) -> bool {
     }
     let missing = covered.print(&loaded, &shipped);
     let reached = found.is_empty() && missing.is_empty();
+    let violations = format!("{} in {walks}", found.len());
+    Figure("link: violations in walks over the programs").report("0", &violations, found.is_empty() && walks > 0);
     println!(
         "{walks} walks over the controller's programs: {} violate a rule, {} lines never executed, {:.0} s {}",
         found.len(),
@@ -132,27 +142,31 @@ fn verdict(reached: bool) -> &'static str {
 fn abort_by_socket() -> bool {
     let (found, done) = link::socket::aborts(SOCKET_TRIALS);
     let among = format!("{} hostile clients ({done} requests of theirs)", link::socket::CLIENTS);
-    report("abort by the service's socket to the frame", &among, found)
+    let figure = Figure("link: abort with 200 hostile clients");
+    report(("abort by the service's socket to the frame", figure), &among, found)
 }
 
 /// Measures an abort from the service's socket to the wire while the disk for the loop's journal hangs.
 fn abort_on_a_hanging_disk() -> bool {
     let found = link::socket::aborts_on_a_hanging_disk(HANGING_TRIALS);
     let disk = format!("a disk that hangs for {} s", link::socket::HANG_TIME.as_secs());
-    report("abort by the service's socket to the frame", &disk, found)
+    let figure = Figure("link: with a hanging disk, p99");
+    report(("abort by the service's socket to the frame", figure), &disk, found)
 }
 
 /// Measures an abort from the operator's page to the wire, while others look on and one viewer reads nothing.
 fn abort_on_the_page() -> bool {
     let found = link::socket::aborts_on_the_page(SOCKET_TRIALS, VIEWERS);
-    report("abort on the operator's page to the frame", &format!("{VIEWERS} who look on"), found)
+    let figure = Figure("link: abort on the operator's page to the STOP frame, p99");
+    report(("abort on the operator's page to the frame", figure), &format!("{VIEWERS} who look on"), found)
 }
 
-fn report(what: &str, among: &str, mut found: Vec<Duration>) -> bool {
+fn report((what, figure): (&str, Figure), among: &str, mut found: Vec<Duration>) -> bool {
     found.sort();
     let at = |share: f64| found[((found.len() as f64 * share).ceil() as usize).clamp(1, found.len()) - 1];
     let ms = |share: f64| at(share).as_secs_f64() * 1e3;
     let reached = at(0.99) <= MAX_SOCKET_DELAY;
+    figure.report(&format!("{} ms", MAX_SOCKET_DELAY.as_millis()), &format!("{:.1} ms", ms(0.99)), reached);
     println!(
         "{what}, {among}, {} trials: median {:.1} ms, p99 {:.1} ms (target {} ms), most {:.1} ms {}",
         found.len(),
@@ -191,6 +205,8 @@ fn virtual_rate() -> bool {
     let core_s = processor_s().zip(began_s).map_or(elapsed_s, |(now_s, began_s)| now_s - began_s);
     let rate = COMMANDS as f64 / core_s;
     let reached = rate >= VIRTUAL_COMMANDS_S;
+    let goal = format!("{VIRTUAL_COMMANDS_S:.0} a second");
+    Figure("link: in virtual time").report(&goal, &format!("{rate:.0} a second"), reached);
     println!(
         "virtual time: {rate:.0} commands/s and core (target {VIRTUAL_COMMANDS_S:.0}), in {core_s:.1} s of a core and {elapsed_s:.1} s \
          by the clock {}",
@@ -232,6 +248,9 @@ fn loopback_rate() -> bool {
     wait(&mut link, |report| matches!(report, Report::Progress { done } if done.0 as usize == COMMANDS));
     let rate = COMMANDS as f64 / started.elapsed().as_secs_f64();
     let reached = rate >= LOOPBACK_SHARE * TICK_COMMANDS_S;
+    let (goal, found) = (100.0 * LOOPBACK_SHARE, 100.0 * rate / TICK_COMMANDS_S);
+    let figure = Figure("link: commands over loopback, share of the controller's tick");
+    figure.report(&format!("{goal:.0} %"), &format!("{found:.1} %"), reached);
     println!(
         "loopback: {rate:.1} commands/s, {:.1} % of what the tick allows (target {:.0} %) {}",
         100.0 * rate / TICK_COMMANDS_S,
@@ -243,7 +262,7 @@ fn loopback_rate() -> bool {
 
 /// Measures the time from a command whose acknowledgement is lost to the abort at the other end, with this number
 /// of cores kept busy.
-fn stop_latency(name: &str, trials: usize, busy: usize, spare: Duration) -> bool {
+fn stop_latency((name, figure): (&str, Figure), trials: usize, busy: usize, spare: Duration) -> bool {
     let ends = AtomicBool::new(false);
     let mut found: Vec<Duration> = std::thread::scope(|scope| {
         for _ in 0..busy {
@@ -264,6 +283,7 @@ fn stop_latency(name: &str, trials: usize, busy: usize, spare: Duration) -> bool
     let (worst, limit) = (at(0.999), WATCHDOG_TIMEOUT + spare);
     let reached = worst <= limit;
     let ms = |time: Duration| time.as_secs_f64() * 1_000.0;
+    figure.report(&format!("{:.0} ms", ms(limit)), &format!("{:.1} ms", ms(worst)), reached);
     println!(
         "lost acknowledgement to STOP, {name}: {} trials, timeout {} ms: median {:.1} ms, p99 {:.1}, p99.9 {:.1} (target {:.0}), \
          most {:.1} {}",
@@ -334,6 +354,8 @@ fn long_virtual_path() -> bool {
     let done = cell.until(300_000, |report| *report == Report::PathDone { last });
     let (underruns, stops) = (cell.controller.underruns(), cell.controller.stops().len());
     let reached = done && underruns == 0 && stops == 0 && cell.executed().len() == 10_000;
+    let found = format!("{underruns} and {stops}");
+    Figure("link: underruns and stops on 10,000 points in virtual time").report("0", &found, reached);
     println!(
         "10,000 points in virtual time, 20 ms round trip: {} executed, {underruns} underruns, {stops} stops, {:.1} s of path in \
          {:.1} s {}",
@@ -358,6 +380,7 @@ fn path_over_sockets() -> bool {
         .handle()
         .with(|controller| (controller.executed().len(), controller.underruns(), controller.stops().len()));
     let reached = (executed, underruns, stops) == (500, 0, 0);
+    Figure("link: on 500 points over sockets").report("0", &format!("{underruns} and {stops}"), reached);
     println!(
         "500 points over sockets, 20 ms round trip, in pieces: {executed} executed, {underruns} underruns, {stops} stops {}",
         verdict(reached)

@@ -4,6 +4,7 @@
 //! [good|bad|bows|held|teach|correlated|wet|memory|peers]… [SEEDS|FIRST-LAST]`; `make bench-locate` sets up the
 //! peers and names their Python in `PANELPREP_PEERS`.
 
+use goal::Figure;
 use panelprep::geometry::{Base, Camera, Rigid};
 use panelprep::locate::{Fit, LocateError, Prepared, RangeErrors, TaughtModel, View, gate};
 use panelprep::panel::TaughtPanel;
@@ -18,6 +19,8 @@ use std::time::Instant;
 mod bows;
 #[path = "locate/correlated.rs"]
 mod correlated;
+#[path = "goal.rs"]
+mod goal;
 #[path = "locate/held.rs"]
 mod held;
 #[path = "locate/memory.rs"]
@@ -198,6 +201,12 @@ fn quantile(values: &mut [f64], share: f64) -> f64 {
     values.get(((values.len().max(1) - 1) as f64 * share).round() as usize).copied().unwrap_or(f64::NAN)
 }
 
+/// Reports a share of a number of cases, with its lower target.
+fn shared(figure: Figure, part: usize, whole: usize, least: f64) {
+    let found = format!("{part} of {whole}");
+    figure.report(&format!("{} %", 100.0 * least), &found, whole > 0 && share(part, whole) >= least);
+}
+
 fn row(good: bool, words: &str) -> usize {
     println!("{:6} {words}", if good { "ok" } else { "MISSED" });
     usize::from(!good)
@@ -263,6 +272,15 @@ fn good(seeds: RangeInclusive<u64>) -> usize {
         quantile(&mut largest, 0.5),
         quantile(&mut largest, 0.95)
     );
+    shared(Figure("locate: good scans accepted, of all"), accepted, count, ACCEPTED_OF_ALL);
+    shared(Figure("locate: of those that their covariance knows well enough"), accepted, known, ACCEPTED);
+    let found = format!("{wrong} of {accepted}");
+    Figure("locate: accepted poses with more than 0.3 mm error").report("0", &found, wrong == 0 && accepted > 0);
+    let within = Figure("locate: within 0.07 mm on average and 0.15 mm at most, large panels");
+    shared(within, large_good, large, LARGE_SHARE);
+    shared(Figure("locate: within the stated error, others"), stated, others, STATED_SHARE);
+    let (goal, found) = (format!("{VERDICT_MS} ms"), format!("{median_ms:.0} ms"));
+    Figure("locate: scan in memory to verdict, median").report(&goal, &found, median_ms <= VERDICT_MS);
     row(wrong == 0, &format!("{wrong} of {accepted} accepted poses are wrong by more than {RIGHT_MM} mm"))
         + row(
             share(accepted, known) >= ACCEPTED,
@@ -328,5 +346,7 @@ fn bad(scenes: RangeInclusive<u64>) -> usize {
     for (kind, [accept, review, reject]) in Wrong::ALL.iter().zip(&table) {
         println!("{:22}  {accept:6}  {review:6}  {reject:6}", kind.words());
     }
+    let found = format!("{wrongly} of {count}");
+    Figure("locate: wrong scenes that were accepted").report("0", &found, wrongly == 0 && count > 0);
     row(wrongly == 0, &format!("{wrongly} of {count} bad scenes of {kinds} kinds are wrongly accepted"))
 }

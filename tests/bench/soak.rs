@@ -20,6 +20,8 @@ mod asking;
 mod cell;
 #[path = "soak/clients.rs"]
 mod clients;
+#[path = "goal.rs"]
+mod goal;
 #[path = "soak/http.rs"]
 mod http;
 #[path = "soak/numbers.rs"]
@@ -34,6 +36,7 @@ mod watchdog;
 use arguments::{argument, number};
 use cell::{Pace, Running};
 use clients::Counts;
+use goal::Figure;
 use numbers::{Growth, Period, Sample};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
@@ -116,10 +119,21 @@ fn judge(
             "{name}, the least of each period of the second half: {:.0} {unit}, slope {:+.2} ± {:.2} {unit} an hour (most {most:.2})",
             growth.mean, growth.an_hour, growth.standard_error
         );
+        if least.is_none() && pace == Pace::Wall {
+            let (an_hour, error, mean) = (growth.an_hour / 1e3, growth.standard_error / 1e3, growth.mean / 1e3);
+            let found = format!("{an_hour:+.1} ± {error:.1} MB at {mean:.0} MB");
+            let goal = format!("{} %", 100.0 * MAX_GROWTH_PER_HOUR);
+            Figure("service: growth of memory in an hour").report(&goal, &found, !grows);
+        }
         told(!grows || (least.is_none() && pace == Pace::Line), text);
     }
     let (gap, half) = (watchdog.largest_gap().as_secs_f64(), watchdog::WATCHDOG_TIMEOUT.as_secs_f64() / 2.0);
     told(watchdog.signs() > 0 && gap <= half, format!("largest watchdog gap {gap:.3} s (most {half:.3} s)"));
+    let unanswered = counts.unanswered();
+    let is_met = unanswered == 0 && counts.cycles() > 0;
+    Figure("service: under load: unanswered requests").report("0", &unanswered.to_string(), is_met);
+    let is_fed = watchdog.signs() > 0 && gap <= half;
+    Figure("service: watchdog gap").report(&format!("{half} s"), &format!("{gap:.2} s"), is_fed);
     told(counts.unanswered() == 0, format!("requests that were never answered: {}", counts.unanswered()));
     told(ended.is_none(), ended.unwrap_or_else(|| "the service ran until the end".to_owned()));
     told(counts.cycles() > 0, format!("cycles: {}", counts.cycles()));

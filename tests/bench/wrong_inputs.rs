@@ -4,8 +4,10 @@
 mod arguments;
 #[path = "../boards.rs"]
 mod boards;
+mod goal;
 
 use boards::{GOOD_ROBOT, POSES, Side};
+use goal::Figure;
 use nalgebra::{Isometry3, Matrix3, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3};
 use panelprep::calib::gate::PosesFrom;
 use panelprep::calib::hand_eye::hand_eye;
@@ -206,7 +208,7 @@ fn main() -> ExitCode {
     println!(
         "mistake                     fixed camera: accepted, named   camera on the flange: accepted, named   of {seeds}"
     );
-    let (mut missed, mut named, mut wrong) = (0, 0, 0);
+    let (mut missed, mut named, mut wrong, mut accepted) = (0, 0, 0, 0);
     for mistake in mistakes() {
         let rows = [row::<ScannerMount>(seeds, &mistake), row::<FlangeCameraMount>(seeds, &mistake)];
         let [[fixed, fixed_named], [moving, moving_named]] = rows;
@@ -216,11 +218,16 @@ fn main() -> ExitCode {
         } else {
             missed += rows.iter().filter(|[accepted, _]| *accepted > 0).count();
             wrong += 2 * seeds as usize;
+            accepted += fixed + moving;
             named += fixed_named + moving_named;
         }
     }
     let share = named as f64 / wrong.max(1) as f64;
     println!("{:.1} % of the wrong inputs are named, {:.0} % are wanted", 100.0 * share, 100.0 * NAMED);
+    let found = format!("{accepted} of {wrong}");
+    Figure("calib: wrong inputs accepted").report("0", &found, accepted == 0 && wrong > 0);
+    let found = format!("{:.1} %", 100.0 * share);
+    Figure("calib: wrong inputs named").report(&format!("{} %", 100.0 * NAMED), &found, share >= NAMED);
     missed += usize::from(share < NAMED);
     println!("{missed} floors were missed");
     if missed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }

@@ -9,6 +9,7 @@ mod pages;
 mod person;
 mod scenery;
 
+use super::goal::Figure;
 use super::walk::fit_for_people;
 use crate::zivid::stub;
 use cell::Cell;
@@ -208,6 +209,11 @@ impl Walk {
         eprintln!(
             "in contact: {} samples, the tip {:.3} mm from the true surface at most, the tool's axis {:.2}° from its normal",
             errors.samples, errors.surface_max_mm, errors.normal_max_deg
+        );
+        Figure("manual: contact off the surface").report(
+            &format!("{SURFACE_MAX_MM} mm"),
+            &format!("{:.2} mm", errors.surface_max_mm),
+            errors.surface_max_mm < SURFACE_MAX_MM,
         );
         assert!(errors.surface_max_mm < SURFACE_MAX_MM, "{errors:?}");
         // Spots smaller than the recipe's smallest break may remain.

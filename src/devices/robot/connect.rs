@@ -14,6 +14,8 @@ const USER_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Connects the command channel, then the state channel: a controller that receives a state request has both.
 pub(super) async fn connect(address: &Address) -> Result<(TcpStream, TcpStream), LinkLoss> {
+    // One after the other: if the program on the controller does not run, one refusal with its port is the whole
+    // message.
     let command = open(Channel::Command, &address.host, address.command_port).await?;
     let state = open(Channel::State, &address.host, address.state_port).await?;
     Ok((command, state))
@@ -48,11 +50,14 @@ fn no_answer(channel: Channel, address: String) -> LinkLoss {
 }
 
 fn set_up(stream: &TcpStream) -> Result<(), IoError> {
+    // Nagle's algorithm would hold back a heartbeat or an abort, until the last segment is
+    // acknowledged.
     stream.set_nodelay(true)?;
     let socket = SockRef::from(stream);
     let keepalive = TcpKeepalive::new().with_time(USER_TIMEOUT).with_interval(USER_TIMEOUT).with_retries(3);
     socket.set_tcp_keepalive(&keepalive)?;
     #[cfg(target_os = "linux")]
+    // Keepalive does not run while data is unacknowledged; this limit finds a pulled cable then.
     socket.set_tcp_user_timeout(Some(USER_TIMEOUT))?;
     Ok(())
 }

@@ -235,6 +235,7 @@ impl Drop for RobotLink {
     fn drop(&mut self) {
         // The thread ends when no sender of orders is left.
         (self.orders, _) = mpsc::unbounded_channel();
+        // Waits for the thread, because it still sends the abort of a cycle that is being left.
         let Some(thread) = self.thread.take() else { return };
         let since = Instant::now();
         while !thread.is_finished() {

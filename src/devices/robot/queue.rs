@@ -42,6 +42,7 @@ impl ReportQueue {
     /// Adds a report. It replaces an older report of the same kind if only states and progress follow that one.
     pub(super) fn add(&self, report: Report, replaces: bool) {
         let mut inside = self.lock();
+        // States and progress supersede each other; every other report is an event that a slow reader must not miss.
         let passing = |report: &Report| matches!(report, Report::State(_) | Report::Progress { .. });
         let kind = std::mem::discriminant(&report);
         let run = inside.waiting.iter().rev().take_while(|old| passing(old));
@@ -59,6 +60,7 @@ impl ReportQueue {
 
     pub(super) fn pop(&self) -> Result<Report, Empty> {
         let mut inside = self.lock();
+        // The reader is alive at this moment, so that the time of the next report counts from here.
         inside.unread_since = (inside.waiting.len() > 1).then(Instant::now);
         inside.waiting.pop_front().ok_or(Empty { told: inside.told, closed: inside.closed })
     }

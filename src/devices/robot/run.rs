@@ -103,6 +103,8 @@ impl Link {
                     if let Err(Deserted) = served {
                         return;
                     }
+                    // Only a controller that answered resets the delay. One that accepts and closes connections would
+                    // otherwise be tried ten times a second.
                     if self.told_loss.is_none() {
                         pause = MIN_RECONNECT_DELAY;
                     }
@@ -136,6 +138,7 @@ impl Link {
         let mut heard = Instant::now();
         loop {
             self.sign.works();
+            // The heartbeats of this thread would keep an arm moving whose cycle hangs.
             if self.pace == Pace::Wall && self.reports.unread_for() >= REPORT_READ_TIMEOUT {
                 self.session.interrupt(StopCause::Unattended);
             }
@@ -161,6 +164,8 @@ impl Link {
             let reads_command = self.pace == Pace::Wall;
             let deadline = self.deadline(heard);
             let step = tokio::select! {
+                // In this order: a stop from the caller first, then the state channel, then commands. With a random
+                // order a burst of acknowledgements could delay an abort.
                 biased;
                 order = self.orders.recv() => {
                     let Some(order) = order else {

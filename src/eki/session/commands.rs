@@ -20,6 +20,7 @@ impl Session {
                 Ok(CommandId(0))
             }
             Command::MoveLin(point) => self.queue_path(&[point]),
+            // Refused here with the remedy: the controller would only stop the program with its own message.
             Command::SetDigin(Signal { number, .. }) if !self.limits.mapped_inputs.contains(number) => {
                 self.greeted()?;
                 Err(CommandError::InputReadOnly { number }.into())

@@ -49,6 +49,7 @@ impl FrameEcho {
         is_set: bool,
         found: KukaPose,
     ) -> Result<(), Box<EchoMismatch>> {
+        // Only the last executed frame is active; earlier ones were replaced before the state was made.
         while self.set.get(1).is_some_and(|&(next, _)| next <= done) {
             self.set.pop_front();
         }

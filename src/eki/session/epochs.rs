@@ -31,9 +31,11 @@ impl Session {
             Phase::Open(flow) => flow.is_busy(),
             phase => matches!(phase, Phase::Stopping(_)),
         };
+        // A new epoch would forget what the arm is executing, and nothing would watch the rest of the motion.
         if is_busy || self.moving {
             return Err(QueueError::NotStanding);
         }
+        // Above all three: a number that was ever used could make a delayed command of that epoch valid again.
         let highest = self.known_epoch().max(self.opened_epoch).max(above);
         let (epoch, steps) = self.steps_to(u64::from(highest.0) + 1)?;
         let mut request = self.asked;
@@ -99,6 +101,7 @@ impl Session {
 
     /// Sends an abort, in any state; if one is already in progress, no other is sent.
     pub(super) fn stop(&mut self) {
+        // A second abort would begin yet another epoch, and the standstill of the first one would never be reported.
         if matches!(self.phase, Phase::Stopping(_) | Phase::Greeting { abort: Some(_) }) {
             return;
         }
@@ -132,6 +135,7 @@ impl Session {
 
     /// Reports the fault and ends the epoch.
     pub(super) fn fault(&mut self, report: Report) {
+        // The reason is reported before the stop that it causes, so that it is the reason that the cycle records.
         self.reports.push_back(report);
         self.stop();
     }

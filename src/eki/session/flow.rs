@@ -155,6 +155,8 @@ impl Flow {
         limits: &LinkLimits,
     ) -> Result<CommandId, QueueError> {
         let id = self.next_ids(1)?;
+        // Encoded before anything changes: a refused command leaves neither a gap in the ids nor a frame that waits for
+        // its echo.
         let bytes = wire.encode_command(id, self.epoch, &command, 0)?;
         let mut motion = Duration::ZERO;
         match command {
@@ -170,6 +172,7 @@ impl Flow {
         }
         if matches!(
             command,
+            // After these the tip is at a place that only the controller knows in the present frames.
             Command::SetBase(_) | Command::SetTcp(_) | Command::MoveJ(_) | Command::CallSubroutine { .. }
         ) {
             self.end = None;
@@ -203,6 +206,8 @@ impl Flow {
         let first = self.next_ids(count)?;
         let last = CommandId(first.0 + (count - 1));
         let path = Some(Part { first, last, base, tool });
+        // In copies until every point is encoded: one bad point refuses the whole path, since a part of it would end in
+        // contact.
         let (mut end, mut speed_mm_s) = (self.end, self.speed_mm_s);
         let mut queued = Vec::with_capacity(points.len());
         for (point, id) in points.iter().zip((first.0..=last.0).map(CommandId)) {
@@ -214,6 +219,8 @@ impl Flow {
             queued.push(QueuedCommand {
                 id,
                 bytes,
+                // A line of unknown length fills the window alone: too few commands ahead only cost time, too many
+                // cannot be taken back.
                 motion: motion.unwrap_or(limits.window),
                 measured: motion.is_some(),
                 contact: point.contact,
@@ -256,9 +263,13 @@ impl Flow {
     }
 
     fn may_go(&self, next: &QueuedCommand, limits: &LinkLimits) -> bool {
+        // The points behind are planned but not yet checked by the caller; what the controller has received it
+        // executes.
         if self.permitted.is_some_and(|last| next.id > last) {
             return false;
         }
+        // Both limits hold: the ring of the program, and the bytes that EthernetKRL buffers before the program reads
+        // them.
         let has_place = self.credit.is_none_or(|credit| u64::from(next.id.0) <= credit)
             && self.unreceived_bytes + next.bytes.len() <= MAX_UNRECEIVED_BYTES;
         let commands = self.in_flight.len();
@@ -266,6 +277,8 @@ impl Flow {
             let fits = next.motion.is_zero() || self.motion + next.motion <= limits.window;
             return has_place && fits && commands < limits.window_commands;
         };
+        // A line in another frame than the planned one ends somewhere else, so no point leaves before both echoes
+        // agree.
         if !(self.base.is_confirmed(part.base) && self.tool.is_confirmed(part.tool)) {
             return false;
         }
@@ -289,9 +302,11 @@ impl Flow {
     /// Accepts an acknowledgement of this epoch.
     pub(super) fn acknowledge(&mut self, ack: &Ack, now: Time) -> Result<(), SequenceError> {
         within("received", ack.received, self.acked_received, self.sent)?;
+        // Executed before received is impossible: such an acknowledgement is damaged or of another client.
         within("executed", ack.done, self.acked_done, ack.received)?;
         (self.acked_received, self.acked_done) = (ack.received, ack.done);
         self.received_up_to(ack.received);
+        // In 64 bits: a damaged count near the largest number must not wrap into a small or a huge credit.
         self.credit = Some(u64::from(ack.received.0) + u64::from(ack.free));
         self.forget_done(now);
         Ok(())
@@ -301,6 +316,7 @@ impl Flow {
     pub(super) fn follow(&mut self, state: &State, now: Time) -> Result<(), Report> {
         within("executed", state.done, self.state_done, self.sent).map_err(Report::SequenceError)?;
         self.state_done = state.done;
+        // The state may overtake the acknowledgement on the other channel, and what was executed was received.
         self.received_up_to(state.done);
         self.forget_done(now);
         let echo = [
@@ -317,6 +333,7 @@ impl Flow {
     /// Measures a line that starts at the arm's position from there, for its duration.
     fn measure_start(&mut self, state: &State) {
         let is_seen = |frame: &FrameEcho| frame.last().is_some_and(|last| frame.is_confirmed(last));
+        // Only an arm at rest in confirmed frames is at the reported pose; a moving one is already farther on.
         if !self.is_busy() && is_seen(&self.base) && is_seen(&self.tool) {
             self.end = Some(state.base_from_tcp);
         }
@@ -333,6 +350,7 @@ impl Flow {
 
     pub(super) fn received_up_to(&mut self, id: CommandId) {
         let before = self.in_flight.partition_point(|queued| queued.id <= self.received);
+        // Never beyond what was sent, or the bytes in flight would be subtracted twice.
         self.received = self.received.max(id).min(self.sent);
         let fresh = self.in_flight.iter().skip(before).take_while(|queued| queued.id <= self.received);
         self.unreceived_bytes -= fresh.map(|queued| queued.bytes.len()).sum::<usize>();
@@ -350,6 +368,7 @@ impl Flow {
     pub(super) fn late(&mut self, now: Time) -> Option<Late> {
         let next = self.in_flight.front().filter(|next| next.measured)?;
         let last = next.path?.last;
+        // A point that waits behind others is not late: its time runs from the end of the one before.
         let waited = now.since(next.sent_at.max(self.progressed_at));
         if waited <= 2 * next.motion + MAX_LATENESS || self.late.replace(last) == Some(last) {
             return None;

@@ -64,6 +64,7 @@ impl Session {
                     Err(error) => return self.fault(Report::SequenceError(error)),
                     Ok(()) => self.tell_progress(),
                 }
+                // A controller that receives commands again has no half message in its memory.
                 if ack.received > CommandId(0) {
                     self.unacknowledged = 0;
                 }
@@ -88,6 +89,7 @@ impl Session {
                 self.asked_epoch = self.asked_epoch.max(ack.epoch);
                 self.fault(Report::SequenceError(error));
             }
+            // Acknowledgements of an ended epoch are normal after an abort: they were under way. They are only counted.
             _ => self.stale += u64::from(ack.epoch < self.known_epoch()),
         }
     }
@@ -191,6 +193,8 @@ impl Session {
             }
             Phase::Opening { epoch, request } if state.answered >= *request => {
                 self.reports.push_back(Report::EpochNotOpened { asked: *epoch, found: state.epoch });
+                // The number that was requested was not taken: the next request must be above the one that the
+                // controller really has.
                 self.asked_epoch = self.controller_epoch;
                 self.phase = Phase::Idle;
             }
@@ -224,6 +228,8 @@ impl Session {
         }
         // In the ended epoch the state reports the stop; in the next one nothing has begun.
         if stopping.ended == Some(state.epoch) && !state.stopped {
+            // It has answered the abort and is neither stopped nor in the next epoch. A closed connection is the last
+            // means: its watchdog stops it.
             return self.disconnected(LinkLoss::AbortNotObeyed);
         }
         stopping.obeyed = true;
@@ -260,6 +266,8 @@ impl Session {
     fn check_interlocks(&mut self, state: &State) {
         let by_hand = matches!(state.mode, Mode::T1 | Mode::T2);
         let causes = [
+            // In the order of what the operator must do first: an open guard also switches the drives off, and only the
+            // cause helps.
             (state.emergency_stop, StopCause::EmergencyStop),
             (!state.guard_closed, StopCause::GuardOpen),
             (!state.drives_on, StopCause::DrivesOff),

@@ -58,6 +58,7 @@ impl Session {
                 }
                 _ => now.since(self.heard),
             };
+            // Checked before the other deadlines of a silent controller, since an arm may be moving behind this one.
             self.fault(Report::WatchdogExpired { channel, silence });
             if channel == Channel::Command {
                 self.unacknowledged += 1;
@@ -104,6 +105,7 @@ impl Session {
         let Phase::Open(flow) = &self.phase else { return None };
         let state = (Channel::State, self.heard + self.limits.watchdog);
         let unreceived = flow.oldest_unreceived().map(|at| (Channel::Command, at + self.limits.watchdog));
+        // Silence matters only while something can move or run; between cycles a slow controller is no reason to stop.
         let both = [self.is_at_stake().then_some(state), unreceived];
         both.into_iter().flatten().min_by_key(|&(_, at)| at)
     }

@@ -124,6 +124,8 @@ impl Lamp {
         let ratio = |now: u8, dry: f64| (f64::from(now) + 0.01) / dry;
         let is_saturated = |index: usize| picture.rgb[index].iter().any(|level| *level >= SATURATED);
         let (saturated, told): (Vec<_>, Vec<_>) = self.places.iter().partition(|(index, _)| is_saturated(*index));
+        // A saturated place shows a lower bound only. If most are, the bound may still prove that there is more light
+        // than can be compensated.
         if told.len() < MIN_PLACES.max(saturated.len()) {
             let mut least: Vec<f64> =
                 saturated.iter().map(|(index, dry)| ratio(picture.rgb[*index][1], dry[1])).collect();
@@ -141,9 +143,11 @@ impl Lamp {
         let agree = near.sum::<usize>() as f64 / (3 * told.len()) as f64;
         self.add_noise(picture, gains);
         let flicker_percent = self.flicker.percent_with(gains);
+        // Outside of this range the spray has wetted the surroundings, and their darkness is no light.
         if gains.iter().all(|gain| PLAUSIBLE.contains(gain)) {
             let lit = Lit { gains, agree, flicker_percent: 0.0, brighter: None };
             let is_shadow = |(before, followed): (Lit, f64)| lit.is_shadow_after(&before, self.followed / followed);
+            // A shadow over the surroundings alone would make the film look too bright, as a break does.
             if self.believed.is_some_and(is_shadow) {
                 return Lit { gains, ..Lit::UNKNOWN };
             }

@@ -78,6 +78,7 @@ impl Light {
             let (mut sum, mut weight) = (0.0, 0.0);
             for (column, row) in neighbours(i) {
                 let tile = row * self.columns + column;
+                // A tile that is mostly broken has no film to measure the light by; its neighbours' light is taken.
                 if inside[tile] > 0 && known(tile) {
                     let expected = f64::from(sums[tile].expected);
                     sum += expected * ratio(tile).clamp(bounds[0], bounds[1]);

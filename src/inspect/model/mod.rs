@@ -182,6 +182,7 @@ impl Model {
         for index in 0..self.dry_rgb.len() {
             let (block, at) = self.at(index);
             let brightest = self.dry_rgb[index].into_iter().max().unwrap_or_default();
+            // Too dark or overexposed places look the same wet and dry; they leave the region and count as not seen.
             let shows = (MIN_DRY_LEVELS..=MAX_DRY_LEVELS).contains(&brightest);
             if !shows && self.state[block][at] & NO_DRY == 0 {
                 self.state[block][at] = 0;
@@ -287,6 +288,8 @@ impl Model {
                 (self.state[block][at] & (INSIDE | NO_DRY) == INSIDE).then_some((block, change))
             };
             let changes: Vec<(usize, [f64; 3])> = (0..self.dry_rgb.len()).step_by(3).filter_map(change).collect();
+            // Chosen by the first film and then fixed: with another channel in each picture the looks could not be
+            // compared.
             self.views.choose(changes.into_iter());
             self.set_dry_looks();
         }
@@ -295,6 +298,8 @@ impl Model {
         self.before.clone_from(&self.look);
         self.wet = self.look.iter().map(|look| look.map(|look| look & LOOK)).collect();
         for state in self.state.as_flattened_mut() {
+            // Without a dry look wetness cannot be seen in one picture. `sanded` demands evidence of moving water at
+            // the end.
             *state |= if *state & NO_DRY > 0 { EVER_WET } else { 0 };
         }
         self.light = self.light.first(self.lit.sure().is_some());
@@ -315,6 +320,7 @@ impl Model {
 
     /// Judges the last picture that was looked at. Returns the pixels that broke now, as indices of the window.
     pub fn follow(&mut self, picture: &ColorPicture, since_wet_s: f64) -> Vec<usize> {
+        // Times and counts are 16-bit numbers; beyond these limits they would wrap, and a late break would look early.
         let too_many = self.times_s.len() >= MAX_PICTURES || since_wet_s > MAX_FILM_S;
         let Some(light) = self.next_light.take().filter(|_| !too_many) else { return Vec::new() };
         let brighter = light.global / self.light.global.max(f64::MIN_POSITIVE);
@@ -323,6 +329,8 @@ impl Model {
         self.add_shimmer(since_wet_s);
         let before = self.times_s.last().copied().unwrap_or_default();
         self.times_s.push(since_wet_s as f32);
+        // Light that is estimated from the film itself may be bright by a reflection, and would raise the limit for all
+        // later pictures.
         if !self.light.is_without_lamp() {
             self.brightest = self.brightest.max(self.light.global);
         }
@@ -346,6 +354,8 @@ impl Model {
             now,
             brighter_q12: light::q12(brighter),
             mean: (TICKS_PER_SECOND / f64::from(step.max(1))).log2().round().clamp(1.0, 6.0) as u32,
+            // Only the first second is learnt: a look that follows the film for longer would follow a break that opens
+            // slowly.
             learn: (since_wet_s <= LEARNT_S).then_some(if now <= 2 { 1 } else { 2 }),
         };
         if let Some(power) = rule.learn {

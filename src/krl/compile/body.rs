@@ -203,6 +203,7 @@ impl Compiler<'_> {
     }
 
     fn switch_block(&mut self, on: &Expression, cases: &[Case], default: Option<&[Statement]>) {
+        // Evaluated once: a function call behind SWITCH must not run again for each CASE.
         let selector = self.reserve(1);
         self.emit(Op::Local(selector));
         let kind = self.value(on, Type::Unknown);
@@ -251,6 +252,8 @@ impl Compiler<'_> {
     ) {
         let (last, by) = (self.reserve(1), self.reserve(1));
         self.assign(variable, from);
+        // End and step are evaluated once, at the start: a body that changes their variables does not change the number
+        // of rounds.
         for (place, value) in [(last, to), (by, step.unwrap_or(&Expression::Int(1)))] {
             self.emit(Op::Local(place));
             self.typed_value(value, Type::Int, "FOR");
@@ -268,6 +271,7 @@ impl Compiler<'_> {
         self.emit(Op::ForTest);
         let out = self.emit(Op::JumpIfNot(0));
         if let (Some(Cell::Int(from)), Some(Cell::Int(to)), None) = (self.constant(from), self.constant(to), step)
+            // Only then is the range of the counter known, so that an index with it can be checked before the start.
             && from <= to
         {
             self.ranges.insert(variable.name.clone(), (from, to));

@@ -48,6 +48,7 @@ struct Flow<'a, 'b> {
 }
 
 pub(super) fn check(compiler: &mut Compiler<'_>, routine: &Routine, signature: &Signature) {
+    // With GOTO any line may follow any other; the check would report variables that are assigned in fact.
     if has_labels(&routine.body) {
         return;
     }
@@ -192,6 +193,7 @@ impl Flow<'_, '_> {
         self.exits.push(Vec::new());
         self.block(body, Some(now.clone()));
         let exits = self.exits.pop().unwrap_or_default();
+        // What the body assigns does not count behind the loop, since the body may not be executed at all.
         let after = may_skip.then_some(now);
         exits.into_iter().fold(after, |after, exit| both(after, Some(exit)))
     }
@@ -223,6 +225,7 @@ impl Flow<'_, '_> {
     fn want(&mut self, name: &str, now: &Set) {
         let Some(number) = self.locals.get(name).copied() else { return };
         if !now.contains(number) && !self.reported.contains(number) {
+            // Once for each variable: its other uses have the same cause.
             self.reported.insert(number);
             self.compiler.warn(name, "this local variable may be read here before it was given a value");
         }

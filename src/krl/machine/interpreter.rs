@@ -141,6 +141,7 @@ impl Interpreter {
     pub(super) fn enter(&mut self, program: &Program, routine: u32, return_to: usize, height: usize) {
         let entry = &program.routines[routine as usize];
         let base = self.cells.len();
+        // Unset and not zero: a controller stops at a variable that was never assigned, and so must the execution here.
         self.cells.resize(base + entry.frame_cells as usize, Cell::Unset);
         let parameters = entry.parameter_cells as usize;
         let given = self.stack.len().saturating_sub(parameters);

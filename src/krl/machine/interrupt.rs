@@ -22,6 +22,7 @@ impl Interpreter {
             return Err(format!("interrupt {number} does not exist; 1 to 39 and 81 to 128 do").into());
         }
         let declared_in = self.frames.len() - 1;
+        // A second declaration of a number replaces the first, as on the controller.
         self.interrupts.retain(|interrupt| interrupt.number != number);
         if self.interrupts.len() >= INTERRUPT_DEPTH {
             return Err("more than 32 interrupts are declared".into());
@@ -36,6 +37,7 @@ impl Interpreter {
             was: false,
             pending: false,
         });
+        // The number is the priority: if several are pending, the lowest is executed first.
         self.interrupts.sort_by_key(|interrupt| interrupt.number);
         Ok(())
     }
@@ -236,6 +238,7 @@ impl Interpreter {
         self.armed.clear();
         let level = self.frames.len();
         self.interrupts.retain(|interrupt| interrupt.global || interrupt.declared_in < level);
+        // The planned motions belong to the routines that were left; none of them may be executed after this.
         host.discard();
         Ok(Flow::Next)
     }

@@ -16,6 +16,7 @@ impl Interpreter {
         memory: &mut Memory,
         host: &mut dyn Host,
     ) -> Result<Flow, Wrong> {
+        // The submit interpreter runs beside every program, also while the drives are off.
         if !self.moves && !matches!(op, Op::WaitSeconds | Op::Continue) {
             return Err("the submit interpreter has no motions and no interrupts".into());
         }
@@ -32,6 +33,8 @@ impl Interpreter {
             }
             Op::Motion { motion, axes, approximates } => {
                 if !self.planned {
+                    // The advance run may plan only `$ADVANCE` motions beyond the present one; without this limit
+                    // blending would look better than it is.
                     if host.planned() > host.advance() {
                         return Ok(Flow::Wait);
                     }
@@ -67,6 +70,7 @@ impl Interpreter {
             Op::InterruptSwitchAll { on } => self.switch(None, on, program, memory, host)?,
             Op::Trigger { after } => {
                 let (_priority, delay, distance) = (self.pop_int()?, self.pop_real()?, self.pop_int()?);
+                // An error and not an approximation: a trigger at another moment switches the tool at another place.
                 if distance != 1 || delay != 0.0 {
                     return Err("only TRIGGER WHEN DISTANCE=1 DELAY=0 is modelled".into());
                 }
@@ -172,6 +176,7 @@ impl Interpreter {
         match builtin {
             EkiGetBool | EkiGetInt | EkiGetReal | EkiGetFrame => {
                 let address = self.pop_address()?;
+                // EthernetKRL refuses such a variable, and a program that works only here would stop on the controller.
                 if self.read(address, memory, host)? == Cell::Unset {
                     return Err("the variable of EKI_Get must hold a value before".into());
                 }
@@ -191,6 +196,7 @@ impl Interpreter {
         let channel = self.pop_text_index()?;
         let text = |index: usize| program.texts.get(index).map_or("", String::as_str);
         let answer = host.eki(builtin, text(channel), tag.map_or("", text), &value)?;
+        // With an error the variable keeps its old value, which a program must not take for a received one.
         if let Some(address) = into.filter(|_| answer.msg_no == 0) {
             let cells = if builtin == EkiGetFrame { 6 } else { 1 };
             for (offset, cell) in (address.offset..).zip(answer.value.into_iter().take(cells)) {

@@ -18,6 +18,7 @@ impl Interpreter {
             let Some(op) = program.code.get(self.at) else { return Pause::Ended };
             if let Op::Statement(index) = op {
                 self.begin_statement(*index as usize, program, memory);
+                // It ends here by name: a skipped statement would make every result behind it a guess.
                 if let Some(what) = program.unexecuted.get(index) {
                     return Pause::Fault(format!("{}: {what} is not executed here", self.place(program)));
                 }

@@ -30,6 +30,8 @@ pub fn retracts(
     waypoints: impl IntoIterator<Item = (bool, Rigid<Base, Tool>, Joints)>,
 ) -> Result<(), ReachFault> {
     let in_contact = waypoints.into_iter().enumerate().filter(|(_, (contact, ..))| *contact);
+    // Each waypoint, since an epoch can end at any of them, and the controller retracts along a line by itself without
+    // asking.
     for (index, (_, base_from_tool, joints)) in in_contact {
         if let Err(fault) = follow(arm, flange_from_tool, Some(&joints), &[retract(base_from_tool)]) {
             return Err(ReachFault { index, cause: Infeasibility::Retract { why: Box::new(fault.cause) } });

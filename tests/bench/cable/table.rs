@@ -50,6 +50,15 @@ impl Table {
         self.0.values().map(|row| row.violations).sum()
     }
 
+    pub fn scenarios(&self) -> u64 {
+        self.sum().scenarios
+    }
+
+    /// Returns the longest time of a stop, ms; 0 if no scenario had one.
+    pub fn worst_stop_ms(&self) -> f64 {
+        self.sum().worst_stop_ms
+    }
+
     fn sum(&self) -> Row {
         let mut sum = Row::default();
         for row in self.0.values() {

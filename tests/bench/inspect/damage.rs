@@ -1,6 +1,7 @@
 //! Clips that are no valid test: each must be `invalid`, with its reason.
 
 use crate::clips::{Bench, phase, times_s};
+use crate::goal::Figure;
 use panelprep::geometry::ColorPicture;
 use panelprep::sim::{FilmSpec, Grease, WET_FROM_S};
 use panelprep::verdict::Verdict;
@@ -48,7 +49,7 @@ const DAMAGES: [(&str, &str, Damage); 14] = [
 
 /// Returns how many damages were not reported, or reported wrongly.
 pub fn run(seeds: u64, reduction: usize) -> usize {
-    let mut wrong = 0;
+    let (mut wrong, mut all) = (0, 0);
     for seed in 1..=seeds {
         let bench = Bench::new(seed, reduction, "");
         let grease = Grease::Mixed { count: 3, until_s: WET_FROM_S + 6.0 };
@@ -77,6 +78,7 @@ pub fn run(seeds: u64, reduction: usize) -> usize {
                 _ => judgement.verdict == Verdict::Invalid && code.split('|').any(|code| codes.contains(&code)),
             };
             wrong += usize::from(!right);
+            all += 1;
             println!(
                 "{seed:4}  {name:32} {:8} {codes:?}{}",
                 judgement.verdict.word(),
@@ -84,6 +86,8 @@ pub fn run(seeds: u64, reduction: usize) -> usize {
             );
         }
     }
+    let found = format!("{wrong} of {all}");
+    Figure("film: damaged clips that were not reported").report("0", &found, wrong == 0 && all > 0);
     println!("damaged clips, {seeds} seeds: {wrong} not told, or told wrongly (needed 0)");
     wrong
 }

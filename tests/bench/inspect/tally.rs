@@ -1,5 +1,6 @@
 //! The results of many clips of either renderer, grid by grid.
 
+use crate::goal::Figure;
 use panelprep::geometry::Mask;
 use panelprep::inspect::{GridInspection, Inspection, score_within};
 use panelprep::panel::GridId;
@@ -51,6 +52,24 @@ enum Found {
     Failed,
     NotSeen,
 }
+
+/// The figures of one renderer's clips.
+pub struct Figures {
+    /// Failed grids that passed.
+    pub passed: Figure,
+    /// Clean grids that failed.
+    pub failed: Figure,
+    pub not_seen: Option<Figure>,
+    pub iou: Option<Figure>,
+    pub time: Option<Figure>,
+}
+
+/// Limits for clean grids that fail and that are not seen, for the intersection over union, and for the share of breaks
+/// with a right time.
+const CLEAN_FAILED: f64 = 0.005;
+const CLEAN_NOT_SEEN: f64 = 0.03;
+const IOU: f64 = 0.95;
+const TIMELY: f64 = 0.95;
 
 /// Numbers of all clips of one renderer.
 #[derive(Debug, Default)]
@@ -190,6 +209,31 @@ impl Tally {
             if let (Some(real_s), Some(found_s)) = (real.get(tenth), found.get(tenth)) {
                 self.time_errors_s.push(found_s - real_s);
             }
+        }
+    }
+
+    /// Reports the figures. A kind of grid that no clip has is no evidence, so that its figure misses the goal.
+    pub fn report(&self, figures: &Figures) {
+        let share = |figure: Figure, counts: &BTreeMap<Found, usize>, found: Found, goal: &str, most: f64| {
+            let (some, all) = (counts.get(&found).copied().unwrap_or_default(), counts.values().sum::<usize>());
+            figure.report(goal, &format!("{some} of {all}"), all > 0 && some as f64 <= most * all as f64);
+        };
+        share(figures.passed, &self.broken, Found::Passed, "0", 0.0);
+        share(figures.failed, &self.clean, Found::Failed, "0.5 %", CLEAN_FAILED);
+        if let Some(figure) = figures.not_seen {
+            share(figure, &self.clean, Found::NotSeen, "3 %", CLEAN_NOT_SEEN);
+        }
+        let above = |values: &[f64]| values.iter().filter(|value| **value >= IOU).count();
+        if let Some(figure) = figures.iou {
+            let (count, high) = (self.iou.len(), above(&self.iou));
+            let mean = self.iou.iter().sum::<f64>() / count.max(1) as f64;
+            let found = format!("mean {mean:.3}, {high} of {count} above {IOU}");
+            figure.report(&IOU.to_string(), &found, count > 0 && high == count);
+        }
+        if let Some(figure) = figures.time {
+            let near = self.time_errors_s.iter().filter(|error| error.abs() <= 0.5).count();
+            let (count, goal) = (self.time_errors_s.len(), format!("{} %", 100.0 * TIMELY));
+            figure.report(&goal, &format!("{near} of {count}"), count > 0 && near as f64 >= TIMELY * count as f64);
         }
     }
 

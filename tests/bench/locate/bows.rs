@@ -3,7 +3,8 @@
 //! has a camera whose distances are too long or too short, with only the maker's figure known. Far from the taught
 //! place such a pose is for a person, bent or not.
 
-use super::{RIGHT_MM, Tried, located_with, quantile, range_errors, reduction, row, share};
+use super::goal::Figure;
+use super::{RIGHT_MM, Tried, located_with, quantile, range_errors, reduction, row, share, shared};
 use nalgebra::Translation3;
 use panelprep::geometry::{Base, Camera, Rigid};
 use panelprep::locate::RangeErrors;
@@ -190,6 +191,13 @@ fn judged(all: &[Found]) -> usize {
     let mut fit_ms: Vec<f64> = all.iter().map(|found| found.fit_ms).collect();
     let (locate_ms, fit_ms) = (quantile(&mut locate_ms, 0.5), quantile(&mut fit_ms, 0.5));
     let contact_mm = quantile(&mut worst, 0.5);
+    shared(Figure("locate: bent panels accepted (bow up to 2 mm)"), accepted, of, ACCEPTED);
+    shared(Figure("locate: path within the stated error"), within, used.len(), STATED);
+    let (goal, found) = (format!("{CONTACT_MM} mm"), format!("{contact_mm:.2} mm"));
+    Figure("locate: bent panels: contact error").report(&goal, &found, contact_mm <= CONTACT_MM);
+    let found = format!("{locate_ms:.0} + {fit_ms:.0} ms");
+    let is_fast = locate_ms + fit_ms <= BOTH_MS;
+    Figure("locate: localization and today's surface, medians").report(&format!("{BOTH_MS} ms"), &found, is_fast);
     row(
         share(accepted, of) >= ACCEPTED,
         &format!(

@@ -2,6 +2,7 @@
 //! distances. On panels of many shapes and on flat plates, with the results of `calibrate scanner` and with the
 //! maker's figures alone.
 
+use super::goal::Figure;
 use super::{RIGHT_MM, Tried, located_with, quantile, range_errors, reduction, row, share, taught};
 use nalgebra::Translation3;
 use panelprep::geometry::{Base, Camera, Rigid};
@@ -31,7 +32,7 @@ const STATED: RangeInclusive<f64> = 0.9..=1.0;
 pub fn errors(seeds: RangeInclusive<u64>) -> usize {
     let asked = std::env::var("CORRELATED").unwrap_or_default();
     let kinds: [(&str, fn(u64, usize) -> Trial); 2] = [("bent", Trial::good), ("flat", Trial::flat)];
-    let mut missed = 0;
+    let (mut missed, mut least) = (0, [None; 2]);
     for (kind, trial) in kinds {
         for alike_mm in ALIKE_MM {
             let range = RangeErrors {
@@ -42,7 +43,9 @@ pub fn errors(seeds: RangeInclusive<u64>) -> usize {
                 scale_between_scans: 0.0,
                 is_measured: true,
             };
-            for (words, range) in [("measured", range), ("not measured", range_errors())] {
+            for (index, (words, range)) in
+                [("measured", range), ("not measured", range_errors())].into_iter().enumerate()
+            {
                 let words = format!("{kind}, alike over {alike_mm} mm, {words}");
                 if !words.contains(&asked) {
                     continue;
@@ -52,10 +55,18 @@ pub fn errors(seeds: RangeInclusive<u64>) -> usize {
                     let (taught, mount) = (taught(&trial), trial.base_from_camera());
                     (trial, taught, mount)
                 });
-                missed += stated(&words, trials, range);
+                let found = stated(&words, trials, range);
+                missed += found.missed;
+                least[index] = Some(found.least(least[index]));
             }
         }
     }
+    let [measured, not_measured] = least;
+    reported(
+        Figure("locate: smooth errors, least of four lengths, within the stated error, measured camera"),
+        measured,
+    );
+    reported(Figure("locate: camera not measured"), not_measured);
     let scaled = |(kind, trial): (&str, fn(u64, usize) -> Trial)| match "distances off".contains(&asked) {
         true => scaled(kind, trial, &seeds),
         false => 0,
@@ -89,7 +100,7 @@ fn scaled(kind: &str, trial: fn(u64, usize) -> Trial, seeds: &RangeInclusive<u64
         100.0 * SCALE,
         100.0 * BETWEEN_SCANS
     );
-    stated(&words, trials, range)
+    stated(&words, trials, range).missed
 }
 
 /// Returns a random share with this standard deviation, from a uniform distribution.
@@ -100,7 +111,30 @@ fn drawn(random: &mut Pcg64, deviation: f64) -> f64 {
 /// A trial, its panel as taught, and the camera's measured mount.
 type Scanned = (Trial, (TaughtPanel, Recipe), Rigid<Base, Camera>);
 
-fn stated(words: &str, trials: impl Iterator<Item = Scanned>, range: RangeErrors) -> usize {
+/// The accepted scans of one row, and how many of them are within the stated error.
+#[derive(Clone, Copy)]
+struct Stated {
+    missed: usize,
+    kept: usize,
+    accepted: usize,
+}
+
+impl Stated {
+    /// Returns the one with the smaller share within the stated error; a row without an accepted scan counts as the smallest.
+    fn least(self, other: Option<Stated>) -> Stated {
+        let within = |row: Stated| if row.accepted == 0 { 0.0 } else { share(row.kept, row.accepted) };
+        other.filter(|other| within(*other) <= within(self)).unwrap_or(self)
+    }
+}
+
+/// Reports the row with the smallest share; nothing if no row of its kind was requested.
+fn reported(figure: Figure, least: Option<Stated>) {
+    if let Some(Stated { kept, accepted, .. }) = least {
+        super::shared(figure, kept, accepted, *STATED.start());
+    }
+}
+
+fn stated(words: &str, trials: impl Iterator<Item = Scanned>, range: RangeErrors) -> Stated {
     let (mut count, mut accepted, mut wrong, mut kept) = (0, 0, 0, 0);
     let (mut ratios, mut largest) = (Vec::new(), Vec::new());
     for (trial, taught, mount) in trials {
@@ -122,5 +156,5 @@ fn stated(words: &str, trials: impl Iterator<Item = Scanned>, range: RangeErrors
         quantile(&mut ratios, 0.95),
         quantile(&mut largest, 1.0)
     );
-    row(wrong == 0 && STATED.contains(&share(kept, accepted)), &told)
+    Stated { missed: row(wrong == 0 && STATED.contains(&share(kept, accepted)), &told), kept, accepted }
 }

@@ -1,5 +1,6 @@
 //! Verifications just before contact: two taught corners in the flange camera's wet pictures, the panel moved in its plane.
 
+use super::goal::Figure;
 use panelprep::geometry::{Base, Flange, FlangeCamera, Panel, Rigid, Vector};
 use panelprep::locate::corner;
 use panelprep::locate::refine::{CornerView, Refined, refine};
@@ -51,6 +52,13 @@ pub fn verifications(seeds: RangeInclusive<u64>) -> usize {
         }
     }
     println!("moves are told to {:.3} mm at 95 %", super::quantile(&mut errors, 0.95));
+    Figure("locate: wet verifications: moves from 0.3 mm on found").report(
+        "all",
+        &format!("{found} of {moved}"),
+        found == moved && moved > 0,
+    );
+    let of_quiet = format!("{alarms} of {quiet}");
+    Figure("locate: alarms below 0.1 mm").report("0", &of_quiet, alarms == 0 && quiet > 0);
     super::row(
         found == moved,
         &format!("{found} of {moved} moves of {FOUND_MM} mm or more are found on the wet panel"),

@@ -1,13 +1,15 @@
 //! The office's pages over a large database: the time of each, at its 95th percentile.
 
 use super::Plant;
+use super::goal::{Figure, larger};
 use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-const P95_MAX_MS: f64 = 300.0;
+pub const P95_MAX_MS: f64 = 300.0;
+pub const SLOWEST_PAGE: Figure = Figure("office: slowest page, p95");
 /// Requests for each page.
 const REQUESTS: usize = 60;
 const CELLS: usize = 50;
@@ -126,7 +128,7 @@ fn timed(port: u16) -> bool {
         println!("  NOT MET: nobody can log in: {answer}");
         return false;
     };
-    let mut all_met = true;
+    let (mut all_met, mut slowest_ms) = (true, 0.0);
     for page in [
         "/",
         "/cycles",
@@ -150,7 +152,7 @@ fn timed(port: u16) -> bool {
             took_ms.push(begun.elapsed().as_secs_f64() * 1e3);
             if !answer.starts_with("HTTP/1.1 200") {
                 println!("  NOT MET: {page}: {}", answer.lines().next().unwrap_or("no answer"));
-                all_met = false;
+                (all_met, slowest_ms) = (false, f64::NAN);
                 break;
             }
         }
@@ -158,9 +160,11 @@ fn timed(port: u16) -> bool {
         let p95 = took_ms[(took_ms.len() * 95 / 100).min(took_ms.len() - 1)];
         let is_met = p95 <= P95_MAX_MS;
         all_met &= is_met;
+        slowest_ms = larger(slowest_ms, p95);
         println!("  {page:<52} p95 {p95:6.1} ms{}", if is_met { "" } else { "  NOT MET" });
     }
     println!("  ({P95_MAX_MS:.0} ms wanted)");
+    SLOWEST_PAGE.report(&format!("{P95_MAX_MS} ms"), &format!("{slowest_ms:.0} ms"), slowest_ms <= P95_MAX_MS);
     all_met
 }
 

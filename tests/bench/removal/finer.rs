@@ -2,8 +2,9 @@
 //! 24 points of its orbit, with the force balanced over a square net of 0.15 mm. It shares the pad's formulas with
 //! the code under test, but none of its code.
 
-use super::held;
+use super::goal::{Figure, larger};
 use super::scene::{FORCE_N, ORBIT, PAD, PRESTON_MM2_PER_N, bent, disc, exact_model, pose, region};
+use super::{held, most};
 use panelprep::panel::GridId;
 use panelprep::removal::map::removed;
 use panelprep::removal::track::stretches;
@@ -54,22 +55,24 @@ const CASES: [Case; 8] = [
 ];
 
 pub fn measure() -> usize {
-    let mut missed = 0;
+    let (mut missed, mut worst) = (0, 0.0);
     for case in &CASES {
         let (ours, theirs) = (ours(case), finer(case));
-        let most = theirs.iter().copied().fold(0.0, f64::max);
+        let deepest = theirs.iter().copied().fold(0.0, f64::max);
         let sums = [&ours, &theirs].map(|all| all.iter().sum::<f64>());
-        let off = ours.iter().zip(&theirs).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max) / most;
-        let rms =
-            (ours.iter().zip(&theirs).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / ours.len() as f64).sqrt() / most;
+        let off = ours.iter().zip(&theirs).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max) / deepest;
+        let rms = (ours.iter().zip(&theirs).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / ours.len() as f64).sqrt()
+            / deepest;
         println!(
-            "   {}: {most:.2} µm at most; all of it {:+.2} %, rms {:.2} %",
+            "   {}: {deepest:.2} µm at most; all of it {:+.2} %, rms {:.2} %",
             case.name,
             100.0 * (sums[0] / sums[1] - 1.0),
             100.0 * rms
         );
         missed += held("  off, of the largest depth", 100.0 * off, OFF_PERCENT, "%");
+        worst = larger(worst, 100.0 * off);
     }
+    most(Figure("removal: off the finer reference, worst case"), worst, OFF_PERCENT, " %");
     missed
 }
 

@@ -2,8 +2,9 @@
 //! and a force with noise. The plan is made with the results of the coupons, and the removal follows from the
 //! truth.
 
+use super::goal::Figure;
 use super::scene::{FORCE_N, ORBIT, PAD, PRESTON_MM2_PER_N, bent, disc, recipe};
-use super::{held, reached};
+use super::{held, most, reached};
 use panelprep::geometry::{Panel, Point};
 use panelprep::panel::{GridId, Region};
 use panelprep::path::dwell::{self, Executed};
@@ -108,6 +109,12 @@ pub fn measure() -> usize {
     println!(
         "   were all pieces alike, and coupons different by their measurement alone: {within_alike:.3} within, {held_alike:.3} held"
     );
+    let [area, stated] = [mean(&scheduled), mean(&within)];
+    let goal = format!("{} %", 100.0 * SHARE);
+    Figure("removal: treated area within ±10 %").report(&goal, &format!("{:.1} %", 100.0 * area), area >= SHARE);
+    most(Figure("removal: panels deeper than 45 µm"), beyond as f64, 0.0, "");
+    let found = format!("{:.1} %", 100.0 * stated);
+    Figure("removal: stated 95 % held").report("90–99 %", &found, (HELD[0]..=HELD[1]).contains(&stated));
     let mut missed =
         reached("scheduled, of the treated area within ±10 % of the target, mean", mean(&scheduled), SHARE, "");
     missed += held("panels with a place deeper than max_um", beyond as f64, 0.0, "");

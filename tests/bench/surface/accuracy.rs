@@ -1,8 +1,9 @@
 //! The fit against the ground truth in the camera's frame: with all of the camera's noise, and with only its white
 //! noise.
 
+use super::goal::Figure;
 use super::scanned::Scanned;
-use super::{Timed, held, held_time, timed};
+use super::{Timed, held, held_time, most, timed};
 use panelprep::surface::{self, BSplineSurface, Fit, Parameter};
 
 const FIT_MS: f64 = 100.0;
@@ -21,6 +22,10 @@ const RUNS: usize = 5;
 pub fn measure(seeds: u64) -> usize {
     let all = over(seeds, "all noise", Scanned::upright);
     let white = over(seeds.min(WHITE_SEEDS), "white noise alone", Scanned::white);
+    most(Figure("surface: distance to the true surface, mean"), all.mean_mm, MEAN_MM, " mm");
+    most(Figure("surface: distance to the true surface, 95 %"), all.p95_mm, P95_MM, " mm");
+    most(Figure("surface: angle to the true normal, 95 %"), all.normal_p95_deg, NORMAL_P95_DEG, "°");
+    most(Figure("surface: angle to the true normal, largest"), all.normal_max_deg, NORMAL_MAX_DEG, "°");
     held_time("time of a fit of 300,000 points, median over seeds", &all.fit, FIT_MS)
         + held(
             "residual rms off the white noise, worst seed with white noise alone",

@@ -1,7 +1,8 @@
 //! All paths of a panel: their time, the distance between passes, coverage of each grid, in every pattern and attitude.
 
+use super::goal::Figure;
 use super::scanned::Scanned;
-use super::{held, held_time, timed};
+use super::{held, held_time, most, timed};
 use panelprep::geometry::{Panel, Point};
 use panelprep::panel::GridId;
 use panelprep::path::{self, Plan, dwell};
@@ -42,6 +43,13 @@ pub fn panel() -> usize {
     let mut missed = held_time(&format!("paths of {} grids, joined", grids.len()), &all, PATHS_MS);
     missed += held_time(&format!("paths of {} grids that touch at corners alone", apart.len()), &alone, PATHS_MS);
     let off = passes_off(&surface, &path::raster(&surface, &WHOLE, settings).expect("rows").rows);
+    most(Figure("surface: paths of 48 grids"), all.share_ms, PATHS_MS, " ms");
+    let goal = format!("{} %", 100.0 * PASS_OFF);
+    Figure("surface: distance between passes off r'").report(
+        &goal,
+        &format!("{:.2} %", 100.0 * off),
+        off <= PASS_OFF,
+    );
     missed += held("distance between passes off r', largest", off, PASS_OFF, "");
     println!("   pattern, feed       verdict  least grid %  step-over mm    length mm");
     for (pattern, more) in [

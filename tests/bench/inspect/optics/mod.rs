@@ -17,7 +17,8 @@ mod scene;
 mod water;
 
 use crate::clips::SANDED_MARGIN_MM;
-use crate::tally::{Clip, Tally, Truth};
+use crate::goal::Figure;
+use crate::tally::{Clip, Figures, Tally, Truth};
 use panelprep::geometry::ColorPicture;
 use panelprep::inspect::{ByCell, Demands, Footprint, View, Watch};
 use scene::Scene;
@@ -34,6 +35,13 @@ pub fn run(seeds: std::ops::RangeInclusive<u64>, reduction: usize, observed_s: f
         }
     }
     tally.print("clips by optics");
+    tally.report(&Figures {
+        passed: Figure("film: second renderer: failed grids that passed"),
+        failed: Figure("film: second renderer, clean grids that failed"),
+        not_seen: None,
+        iou: None,
+        time: None,
+    });
 }
 
 fn one(seed: u64, reduction: usize, observed_s: f64, tally: &mut Tally) {

@@ -1,0 +1,81 @@
+//! Reports the figures of `tests/bench/README.md`: one line for each, which `make bench-table` writes into the table of
+//! that page.
+
+use std::io::Write as _;
+use std::path::Path;
+
+/// Environment variables that change what a bench measures. A figure's command states those that are set.
+const SETTINGS: [&str; 12] = [
+    "CELLS",
+    "CORRELATED",
+    "CYCLES",
+    "HELD",
+    "INSPECT",
+    "KILLS",
+    "KRL_WALKS",
+    "LINK_WALKS",
+    "PANELPREP_REDUCTION",
+    "RAYON_NUM_THREADS",
+    "RECORDS",
+    "SEED",
+];
+
+/// A figure of the table by its name, "area: figure". Each name is a literal, since a test compares the names with the
+/// rows of the table.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Figure(pub &'static str);
+
+impl Figure {
+    /// Reports what was found, beside its goal; "–" is no goal. Returns `is_met`.
+    pub fn report(self, goal: &str, found: &str, is_met: bool) -> bool {
+        self.write(goal, found, if is_met { "ok" } else { "MISSED" });
+        is_met
+    }
+
+    /// Reports that the figure was not measured, because something that it needs is missing.
+    #[allow(dead_code, reason = "most benches need nothing that can be missing")]
+    pub fn not_run(self, goal: &str) {
+        self.write(goal, "not run", "not run");
+    }
+
+    fn write(self, goal: &str, found: &str, state: &str) {
+        // Its times are not those of a release, and must not be compared with them unnoticed.
+        let build = if cfg!(debug_assertions) { " (debug build)" } else { "" };
+        let line = format!("GOAL\t{}\t{goal}\t{found}{build}\t{state}\t{}", self.0, command());
+        println!("{line}");
+        let Some(path) = std::env::var_os("GOALS") else { return };
+        // A bench of an hour does not end because its figures cannot be kept; the line is in its output too.
+        if let Err(error) = add(path.as_ref(), &line) {
+            eprintln!("{}: the figure cannot be kept for the table: {error}", path.to_string_lossy());
+        }
+    }
+}
+
+/// Adds a line to the file of figures.
+fn add(path: &Path, line: &str) -> std::io::Result<()> {
+    std::fs::create_dir_all(path.parent().unwrap_or(Path::new(".")))?;
+    writeln!(std::fs::OpenOptions::new().create(true).append(true).open(path)?, "{line}")
+}
+
+/// Returns the larger number; NaN if one of them is, so that a missing number stays missing and misses its goal.
+#[allow(dead_code, reason = "not every bench looks for a worst number")]
+pub fn larger(a: f64, b: f64) -> f64 {
+    if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) }
+}
+
+/// Returns the command that measures this again, short as in the table: `NAME -- arguments` is `cargo bench --locked
+/// --bench NAME -- arguments`.
+fn command() -> String {
+    let mut arguments = std::env::args();
+    let program = arguments.next().unwrap_or_default();
+    let file = program.rsplit('/').next().unwrap_or_default();
+    let name = file.rsplit_once('-').map_or(file, |(name, _)| name);
+    let rest: Vec<String> = arguments.filter(|argument| argument != "--bench").collect();
+    let settings = SETTINGS.iter().filter_map(|name| Some(format!("{name}='{}' ", std::env::var(name).ok()?)));
+    let settings: String = settings.collect();
+    match (name, rest.is_empty()) {
+        ("all", _) => format!("{settings}cargo test --locked --test all -- {}", rest.join(" ")),
+        (_, true) => format!("{settings}{name}"),
+        _ => format!("{settings}{name} -- {}", rest.join(" ")),
+    }
+}
