@@ -43,7 +43,7 @@ pub struct CheckedCell {
     pub same: Option<u64>,
     /// The keys with which the cell's statements are signed.
     pub keys: Vec<String>,
-    /// What is not right, in words.
+    /// The problems, as texts.
     pub found: Vec<String>,
 }
 

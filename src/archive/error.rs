@@ -19,7 +19,7 @@ pub enum ArchiveError {
     /// The database refused something.
     #[error("the database: cannot {doing}: {problem}")]
     Database {
-        /// What was tried.
+        /// The attempted operation.
         doing: &'static str,
         /// PostgreSQL's message.
         problem: String,
@@ -55,7 +55,7 @@ pub enum ArchiveError {
     /// A file refused.
     #[error("cannot {doing} {}: {source}", path.display())]
     File {
-        /// What was tried.
+        /// The attempted operation.
         doing: &'static str,
         /// The file.
         path: PathBuf,

@@ -37,7 +37,7 @@ pub enum BrokerError {
     Failed {
         /// Its address.
         address: String,
-        /// What was tried.
+        /// The attempted operation.
         doing: &'static str,
         /// The broker's message.
         problem: String,

@@ -17,7 +17,7 @@ const MAX_BYTES: usize = 512 << 20;
 pub struct Assembled<R> {
     /// The cell that sent the data.
     pub cell: CellName,
-    /// What.
+    /// The message or the file to which the part belongs.
     pub what: ChunkOwner,
     /// The bytes of the item. If it is a file, the hash of the bytes is the name of the file.
     pub bytes: Vec<u8>,

@@ -38,7 +38,7 @@ pub enum Body {
 }
 
 impl Body {
-    /// What it is.
+    /// Returns the kind of the item.
     pub fn kind(&self) -> Kind {
         match self {
             Body::Cycle(_) => Kind::Cycle,

@@ -17,7 +17,7 @@ const HEAD_BYTES: usize = 1 << 20;
 pub struct Message {
     /// Which cell.
     pub cell: CellName,
-    /// What.
+    /// The item.
     pub envelope: Envelope,
 }
 

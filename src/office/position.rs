@@ -12,7 +12,7 @@ pub struct Position {
     pub number: u64,
 }
 
-/// What it is.
+/// The kind of an item.
 #[derive(
     Debug,
     Clone,
@@ -56,7 +56,7 @@ pub struct Listed {
     /// Its name.
     #[serde(flatten)]
     pub position: Position,
-    /// What it is.
+    /// The kind of the item.
     pub kind: Kind,
     /// SHA-256 of the item's content.
     pub hash: String,

@@ -28,7 +28,7 @@ const POLL_INTERVAL: Duration = Duration::from_secs(5);
 /// Interval at which offers of recipes are requested.
 const OFFER_POLL_INTERVAL: Duration = Duration::from_secs(30);
 
-/// What sends.
+/// Sends the items of this cell to the office.
 pub(super) struct Sender {
     office: Office,
     folder: PathBuf,
