@@ -127,8 +127,8 @@ fn write_drawing(cell: &sim::Cell, rendered: &Rendered) -> Result<(), Fault> {
     let KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg } = KukaPose::from_rigid(&base_from_drawing);
     let recipe = disk::read_text(&rendered.file("recipe.toml"))?;
     let nominal = format!(
-        "\n[nominal.base_from_drawing]\nx_mm = {x_mm:?}\ny_mm = {y_mm:?}\nz_mm = {z_mm:?}\na_deg = {a_deg:?}\nb_deg = {b_deg:?}\n\
-         c_deg = {c_deg:?}\n"
+        "\n[nominal.base_from_drawing]\nx_mm = {x_mm}\ny_mm = {y_mm}\nz_mm = {z_mm}\na_deg = {a_deg}\nb_deg = {b_deg}\n\
+         c_deg = {c_deg}\n"
     );
     disk::write(&rendered.file("recipe_drawing.toml"), recipe + &nominal)
 }

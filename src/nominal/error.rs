@@ -1,7 +1,7 @@
 //! Reasons why a drawing cannot teach a panel, in words for the person who teaches.
 
 use crate::geometry::LengthUnit;
-use crate::words::fixed;
+use crate::words::{apart, fixed};
 
 /// Largest number of parts that a message lists.
 const MAX_LISTED: usize = 12;
@@ -78,7 +78,7 @@ pub enum NominalError {
     #[error(
         "the faces of the part do not meet: a gap of {} mm near {} mm of the drawing (limit {} mm), at {count} edges; sew the \
          faces in the CAD system before the export, or export with a smaller deviation",
-        fixed(*width_mm, 3), place(*at_mm), fixed(*limit_mm, 3)
+        apart(*width_mm, *limit_mm, 3)[0], place(*at_mm), apart(*width_mm, *limit_mm, 3)[1]
     )]
     Gap {
         /// The largest width, mm.

@@ -1,5 +1,6 @@
 //! The faults of a teaching, new or existing, that stop a command.
 
+use crate::words::apart;
 use std::path::PathBuf;
 
 /// Why a panel cannot be taught, or why its taught data cannot be used.
@@ -69,8 +70,9 @@ pub enum TeachingFault {
     },
     /// A corner of the region that is not on the drawing's surface.
     #[error(
-        "[nominal] region_mm: corner {number} lies {away_mm:.1} mm in front of the drawing's surface or behind it (limit {limit_mm} mm); state the \
-         coordinates of a point on the surface"
+        "[nominal] region_mm: corner {number} lies {} mm in front of the drawing's surface or behind it (limit {} mm); state the \
+         coordinates of a point on the surface",
+        apart(*away_mm, *limit_mm, 1)[0], apart(*away_mm, *limit_mm, 1)[1]
     )]
     RegionBesideDrawing {
         /// Number of the corner, from 1.
