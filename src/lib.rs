@@ -37,6 +37,7 @@ pub mod controller;
 pub mod force;
 pub mod history;
 pub mod line;
+pub mod nominal;
 pub mod panel;
 pub mod signing;
 pub mod tape;

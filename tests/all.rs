@@ -34,6 +34,7 @@ mod locate;
 mod long;
 mod manual;
 mod new;
+mod nominal;
 mod office;
 mod opcua;
 mod operator_page;

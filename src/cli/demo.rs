@@ -59,6 +59,9 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let teaching = Teach {
         recipe: rendered.file("recipe.toml"),
         scan: Some(rendered.file("taught_scan.pcd")),
+        nominal: None,
+        unit: None,
+        part: None,
         live: None,
         draw: false,
         no_draw: false,

@@ -48,6 +48,10 @@ fn outcome(located: &Located<'_>, elapsed_ms: f64) -> Outcome {
     let fit = located.fit.as_ref();
     let pose = fit.map(|fit| KukaPose::from_rigid(&fit.base_from_panel));
     outcome.put("base_from_panel", json!(pose));
+    let of_drawing = located.base_from_drawing();
+    if let Some(pose) = &of_drawing {
+        outcome.put("base_from_drawing", json!(pose));
+    }
     outcome.put("rms_mm", json!(fit.map(|fit| fit.rms_mm)));
     outcome.put("deviation_mm", json!(fit.map(|fit| fit.deviation_mm)));
     outcome.put("overlap", json!(fit.map(Fit::overlap)));
@@ -58,6 +62,9 @@ fn outcome(located: &Located<'_>, elapsed_ms: f64) -> Outcome {
     outcome.put("elapsed_ms", json!(elapsed_ms));
     if let (Some(fit), Some(pose)) = (fit, pose) {
         outcome.add_line(format!("base from panel: {pose}"));
+        if let Some(pose) = of_drawing {
+            outcome.add_line(format!("base from drawing: {pose}"));
+        }
         outcome.add_line(format!(
             "rms {:.3} mm about a bend of {}, outline {:.2} px, overlap {:.3}, within {:.2} mm (95 %); weakest {}, {:.2} mm",
             fit.rms_mm,

@@ -71,6 +71,9 @@ pub fn run(args: &Render) -> Result<Outcome, Fault> {
     let cell = cell.with_distortion(distortion);
     let progress = |line: &str| output::tell_line(line);
     let rendered = write(&cell, &args.out, args.seconds, &progress)?;
+    if args.drawing {
+        write_drawing(&cell, &rendered)?;
+    }
     if args.boards {
         progress("rendering boards for calibration");
         render_boards::write(args.seed, args.reduction as usize, (arm.as_ref(), &rendered))?;
@@ -115,6 +118,19 @@ pub fn write(cell: &sim::Cell, folder: &Path, seconds: u32, progress: &dyn Fn(&s
     disk::write(&folder.join("truth.json"), numbers)?;
     write_truth(&film, &folder, seconds)?;
     Ok(rendered)
+}
+
+/// Writes the panel's drawing, and the recipe by which the panel is taught from it.
+fn write_drawing(cell: &sim::Cell, rendered: &Rendered) -> Result<(), Fault> {
+    let (mesh, base_from_drawing) = cell.drawing();
+    disk::write(&rendered.file("drawing.stl"), files::write_stl(&mesh))?;
+    let KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg } = KukaPose::from_rigid(&base_from_drawing);
+    let recipe = disk::read_text(&rendered.file("recipe.toml"))?;
+    let nominal = format!(
+        "\n[nominal.base_from_drawing]\nx_mm = {x_mm}\ny_mm = {y_mm}\nz_mm = {z_mm}\na_deg = {a_deg}\nb_deg = {b_deg}\n\
+         c_deg = {c_deg}\n"
+    );
+    disk::write(&rendered.file("recipe_drawing.toml"), recipe + &nominal)
 }
 
 /// Writes one clip of a labelled set: the same panel at the same place, with other grease.

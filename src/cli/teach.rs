@@ -1,5 +1,6 @@
 //! `panelprep teach`: learns a panel at its nominal place and stores it.
 
+mod drawn;
 mod live_inputs;
 
 use super::args::{Common, Teach};
@@ -18,6 +19,7 @@ use crate::recipe::Recipe;
 use crate::report::{self, View};
 use crate::store::{TaughtCorner, Teaching};
 use crate::verdict::{Judgement, Reason};
+use drawn::Drawn;
 use serde_json::json;
 use std::error::Error;
 use std::path::Path;
@@ -29,13 +31,17 @@ use std::path::Path;
 /// runs cycles. Nothing is kept then.
 pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     let cell_files = CellFiles::read(common)?;
-    let args = &live_inputs::ready(args, &cell_files)?;
-    let Some(scan_file) = &args.scan else { return Err(TeachingFault::NoScan.into()) };
+    let mut drawn = Drawn::look(args, &cell_files)?;
+    let args = &live_inputs::ready(args, &cell_files, drawn.as_ref().map(|drawn| &drawn.scan))?;
     let recipe = load::recipe(&args.recipe)?;
     let (scanner, base_from_camera) = (cell_files.scanner()?, cell_files.base_from_camera()?);
-    // An unsuitable scan is refused with the file's name before anything is stored.
-    let scan = scanner.scan_errors.corrected(load::scan(scan_file, &scanner.value)?);
-    let teaching = given((args, scan_file), &cell_files, &recipe)?;
+    let teaching = given(args, &mut drawn, &cell_files, &recipe)?;
+    let scan = match (&drawn, &args.scan) {
+        (Some(drawn), _) => drawn.scan.clone(),
+        // An unsuitable scan is refused with the file's name before anything is stored.
+        (None, Some(file)) => scanner.scan_errors.corrected(load::scan(file, &scanner.value)?),
+        (None, None) => return Err(TeachingFault::NoScan.into()),
+    };
     let name =
         |index: usize| args.corner.get(index).map_or_else(|| index.to_string(), |file| file.display().to_string());
     let mut taught = match load::derive(&teaching, (&recipe, &cell_files.scanner_lens()?), String::new(), &name) {
@@ -63,8 +69,13 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     let held = Held::locate(&taught.panel, &view, &recipe);
     let off = off_panel.iter().map(OffPanel::reason);
     let cut = taught.panel.box_cut(recipe.locate()).map(|cut| cut.reason());
-    let review: Vec<Reason> =
-        off.chain(too_coarse(limit_mm2, min_break_mm2)).chain(cut).chain(held.reasons(&recipe)).collect();
+    let outside = drawn.iter().flat_map(Drawn::reasons);
+    let review: Vec<Reason> = off
+        .chain(too_coarse(limit_mm2, min_break_mm2))
+        .chain(cut)
+        .chain(outside)
+        .chain(held.reasons(&recipe))
+        .collect();
     let mut outcome = outcome(&taught, recipe.panel(), &Judgement::new(vec![], review));
     outcome.add_line(format!(
         "the smallest break of a film that is surely found on it: {limit_mm2:.1} mm²; a grid fails from {min_break_mm2:.1} mm²"
@@ -80,7 +91,11 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
         })
         .collect();
     outcome.put("region_off_panel", json!(off_panel));
-    let warnings = say_how_it_is_held(&taught, &held, &recipe, &mut outcome);
+    let mut warnings = say_how_it_is_held(&taught, &held, &recipe, &mut outcome);
+    if let (Some(drawn), Some(file)) = (&drawn, &args.nominal) {
+        drawn.report(file, &mut outcome);
+        warnings.extend(drawn.warnings());
+    }
     for warning in &warnings {
         outcome.add_line(format!("warning: {warning}"));
     }
@@ -93,11 +108,22 @@ pub fn off_panel(panel: &TaughtPanel, recipe: &Recipe) -> Vec<OffPanel> {
     panel.region_off_panel(recipe.surface().max_hole_mm(), &recipe.inspect().masked_px())
 }
 
-/// Reads the given files in the form in which the store keeps them.
-fn given((args, scan): (&Teach, &Path), cell_files: &CellFiles, recipe: &Recipe) -> Result<Teaching, Fault> {
+/// Returns the given files in the form in which the store keeps them: those that the command names, or what the
+/// cameras see of the drawing, which is moved out of it.
+fn given(
+    args: &Teach,
+    drawn: &mut Option<Drawn>,
+    cell_files: &CellFiles,
+    recipe: &Recipe,
+) -> Result<Teaching, Fault> {
+    let scan = match (drawn.as_mut(), &args.scan) {
+        (Some(drawn), _) => std::mem::take(&mut drawn.scan_file),
+        (None, Some(file)) => super::disk::read(file)?,
+        (None, None) => return Err(TeachingFault::NoScan.into()),
+    };
     let mut teaching = Teaching {
         name: recipe.panel().to_owned(),
-        scan: super::disk::read(scan)?,
+        scan,
         recipe_text: super::disk::read_text(&args.recipe)?,
         scanner_calibration_text: cell_files.scanner()?.text,
         base_from_camera_text: cell_files.base_from_camera()?.text,
@@ -108,13 +134,24 @@ fn given((args, scan): (&Teach, &Path), cell_files: &CellFiles, recipe: &Recipe)
     if args.corner.is_empty() && args.flange.is_empty() {
         let calibration = cell_files.cell.calibration();
         let runs_cycles = calibration.flange_camera.is_some() && calibration.flange_from_camera.is_some();
-        return if runs_cycles { Err(TeachingFault::NoCorner.into()) } else { Ok(teaching) };
+        return match runs_cycles {
+            true if drawn.is_some() => Err(TeachingFault::NoCornerView.into()),
+            true => Err(TeachingFault::NoCorner.into()),
+            false => Ok(teaching),
+        };
     }
     let flange_camera = cell_files.flange_camera()?;
-    let shots = load::corner_shots(cell_files, &args.corner, &args.flange, &flange_camera.value)?;
-    let kept =
-        |shot: load::CornerShot| TaughtCorner { picture: shot.bytes, base_from_flange: shot.base_from_flange };
-    teaching.corners = shots.into_iter().map(kept).collect();
+    teaching.corners = match drawn {
+        Some(drawn) => std::mem::take(&mut drawn.corners),
+        None => {
+            let shots = load::corner_shots(cell_files, &args.corner, &args.flange, &flange_camera.value)?;
+            let kept = |shot: load::CornerShot| TaughtCorner {
+                picture: shot.bytes,
+                base_from_flange: shot.base_from_flange,
+            };
+            shots.into_iter().map(kept).collect()
+        }
+    };
     teaching.flange_camera_text = flange_camera.text;
     teaching.flange_from_camera_text = cell_files.flange_from_camera()?.text;
     Ok(teaching)

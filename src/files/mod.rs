@@ -1,4 +1,4 @@
-//! Files as bytes: 3D shots, pictures, clips and poses, read strictly and written.
+//! Files as bytes: 3D shots, meshes, pictures, clips and poses, read strictly and written.
 //!
 //! Bytes in, bytes out: nothing here accesses a disk. Unreadable data are refused with the line or byte, what was
 //! found there and what is allowed. Nothing is repaired. Sizes are checked from a file's first bytes, so that a
@@ -8,6 +8,8 @@ mod clip;
 mod cloud_error;
 mod foreign_kind;
 mod hash;
+mod mesh;
+mod mesh_error;
 mod pcd;
 mod picture;
 mod ply;
@@ -18,7 +20,8 @@ mod shot;
 pub use clip::{Clip, ClipEntry, ClipError, LineProblem, read_clip};
 pub use cloud_error::CloudFileError;
 pub use hash::{content_hash, hex, is_hex, unhex};
-pub use pcd::{read_pcd, write_pcd};
+pub use mesh::{MeshFileError, read_mesh, write_stl};
+pub use pcd::{read_pcd, write_pcd, write_pcd_from};
 pub use picture::{
     PictureError, read_color, read_color_of, read_gray, read_measured, read_measured_gray, write_color_jpeg,
     write_color_png, write_gray_png,

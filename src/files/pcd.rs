@@ -75,9 +75,16 @@ fn read(bytes: &[u8], camera: Option<&PinholeCamera>) -> Result<OrganizedCloud<C
 
 /// Returns the cloud as a binary PCD file, as PCL writes it; NaN if a point is missing.
 pub fn write_pcd(cloud: &OrganizedCloud<Camera>) -> Vec<u8> {
+    write_pcd_from(cloud, "")
+}
+
+/// The same with a comment that states the cloud's origin, in one line.
+pub fn write_pcd_from(cloud: &OrganizedCloud<Camera>, origin: &str) -> Vec<u8> {
     let (width, height) = (cloud.width(), cloud.height());
+    let one_line: String = origin.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+    let comment = if origin.is_empty() { String::new() } else { format!("# {one_line}\n") };
     let mut bytes = format!(
-        "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F F\n\
+        "# .PCD v0.7 - Point Cloud Data file format\n{comment}VERSION 0.7\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F F\n\
          COUNT 1 1 1 1\nWIDTH {width}\nHEIGHT {height}\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {}\nDATA binary\n",
         width * height
     )

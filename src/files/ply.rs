@@ -5,6 +5,9 @@
 //! and height: `comment width W` and `comment height H` state them, otherwise the camera's calibration does.
 
 mod header;
+mod mesh;
+
+pub(super) use mesh::{divided, read_ply_mesh};
 
 use super::cloud_error::{CloudFileError, check_cloud_size};
 use crate::geometry::{Camera, CloudError, OrganizedCloud, PinholeCamera};

@@ -32,6 +32,8 @@ frames! {
     Flange = "flange";
     /// The sanding tool; Z out of the pad, into the panel.
     Tool = "tool";
+    /// The drawing of a panel: the frame of its file.
+    Drawing = "drawing";
     /// A calibration board; origin in its first inner corner, Z away from the viewer.
     Board = "board";
 }

@@ -1,4 +1,4 @@
-//! Geometry: frames, units, transforms, KUKA poses, the camera model, organised clouds, pictures.
+//! Geometry: frames, units, transforms, KUKA poses, the camera model, organised clouds, meshes, pictures.
 //!
 //! Pure types and their algebra; the rest of the program uses these and adds no second version. Lengths in mm,
 //! angles in degrees, pixels with whole numbers at pixel centres.
@@ -12,6 +12,7 @@ mod frames;
 mod joints;
 mod kuka_pose;
 mod median;
+mod mesh;
 mod picture;
 mod plane;
 pub mod polygon;
@@ -25,10 +26,11 @@ pub use camera::PinholeCamera;
 pub use cloud::{CloudError, OrganizedCloud};
 pub use cloud_lens::{CloudLens, lens_of, median_off_px, sampled};
 pub use depth_field::{DepthField, FIELD_COLUMNS, FIELD_ROWS, FIELD_SIZE, FieldRectangle, REFERENCE_DEPTH_MM};
-pub use frames::{Base, Board, Camera, Flange, FlangeCamera, Frame, Panel, Tool};
+pub use frames::{Base, Board, Camera, Drawing, Flange, FlangeCamera, Frame, Panel, Tool};
 pub use joints::Joints;
 pub use kuka_pose::KukaPose;
 pub use median::{median, median_between};
+pub use mesh::{LengthUnit, MeshObject, TriangleMesh};
 pub use picture::{ColorPicture, GrayPicture, Mask};
 pub use plane::{Plane, local_plane, local_plane_of};
 pub use raster::{AROUND, BESIDE, Raster};

@@ -22,4 +22,4 @@ pub use error::{LearnError, WrongCorner};
 pub use extent::OutlineFrom;
 pub use off_panel::{Beyond, OffPanel};
 pub use region::{GridId, GridIdError, Region};
-pub use taught::{Grid, TaughtPanel, panel_from_base_at_teaching};
+pub use taught::{Grid, Reference, TaughtPanel, panel_from_base_at_teaching};

@@ -5,7 +5,8 @@ use super::error::{LearnError, MAX_HALF_WIDTH_PX};
 use super::extent::{self, Extent, OutlineFrom};
 use super::region::{GridId, Region};
 use crate::geometry::{
-    Base, Camera, Mask, OrganizedCloud, Panel, PinholeCamera, Pixel, Plane, Point, Rigid, local_plane_of, polygon,
+    Base, Camera, Drawing, Mask, OrganizedCloud, Panel, PinholeCamera, Pixel, Plane, Point, Rigid, local_plane_of,
+    polygon,
 };
 use crate::recipe::Recipe;
 use nalgebra::{Isometry3, Point2};
@@ -17,6 +18,28 @@ const SURFACE_HALF_WIDTH_PX: usize = 5;
 const HOLE_HALF_WIDTHS_PX: [usize; 3] = [80, 160, 320];
 /// If the points are farther off that surface, it has another shape, rms, mm.
 const OFF_SURFACE_MM: f64 = 0.5;
+
+/// The source of a panel's taught data.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Reference {
+    /// A scan of a panel at its nominal place.
+    Scan,
+    /// The panel's drawing, whose frame lies here in the panel's frame.
+    Drawing {
+        /// The drawing's frame at the nominal place.
+        panel_from_drawing: Rigid<Panel, Drawing>,
+    },
+}
+
+impl Reference {
+    /// The panel with which today's panel is compared, for sentences.
+    pub fn word(self) -> &'static str {
+        match self {
+            Reference::Scan => "the taught one",
+            Reference::Drawing { .. } => "its drawing",
+        }
+    }
+}
 
 /// One grid of the region on the panel's surface.
 #[derive(Debug, Clone)]
@@ -34,6 +57,8 @@ pub struct Grid {
 pub struct TaughtPanel {
     /// The scan in the panel's frame, on the taught picture's pixel grid.
     pub scan: OrganizedCloud<Panel>,
+    /// Whether the scan was taken, or computed from the drawing.
+    pub reference: Reference,
     /// The 3D camera that took the scan.
     pub camera: PinholeCamera,
     /// The pose of that camera.
@@ -75,10 +100,14 @@ impl TaughtPanel {
     ) -> Result<Self, LearnError> {
         let panel_from_camera = panel_from_base_at_teaching() * base_from_camera;
         let scan = scan.moved(&panel_from_camera);
+        let reference = recipe.nominal().map_or(Reference::Scan, |nominal| Reference::Drawing {
+            panel_from_drawing: panel_from_base_at_teaching() * nominal.base_from_drawing(),
+        });
         let region = Region::new(recipe.region()).ok_or(LearnError::EmptyRegion)?;
         let Extent { mask, outline_px, outline_from, held_px } = Extent::detect(&scan, &region, recipe)?;
         let mut panel = TaughtPanel {
             scan,
+            reference,
             camera,
             panel_from_camera,
             mask,

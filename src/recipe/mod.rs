@@ -12,8 +12,8 @@ mod tests;
 
 pub use edit::{Drawn, EditError, drawn_into};
 pub use tables::{
-    Corner, CornerName, CornerNames, FitMethod, Inspect, Locate, Method, Panel, Path, Pattern, Process, Region,
-    Registration, Removal, RemovalMethod, SandedReference, Surface,
+    Corner, CornerName, CornerNames, FitMethod, Inspect, Locate, Method, Nominal, Panel, Path, Pattern, Process,
+    Region, Registration, Removal, RemovalMethod, SandedReference, Surface,
 };
 
 use crate::config::{self, Problems, Section};
@@ -30,11 +30,12 @@ pub struct Recipe {
     surface: Surface,
     path: Path,
     removal: Option<Removal>,
+    nominal: Option<Nominal>,
 }
 
 /// The keys at the top level of a recipe, by which a recipe is distinguished from other files.
-pub const RECIPE_KEYS: [&str; 9] =
-    ["panel", "process", "locate", "corner", "region", "inspect", "surface", "path", "removal"];
+pub const RECIPE_KEYS: [&str; 10] =
+    ["panel", "process", "locate", "corner", "region", "inspect", "surface", "path", "removal", "nominal"];
 
 impl Recipe {
     /// Checks the text of a recipe; `file` is its name in messages.
@@ -55,6 +56,7 @@ impl Recipe {
         let surface = Surface::parse(&top.section("surface"));
         let path = tables::parse_path(&top.section("path"));
         let removal = tables::parse_removal(&top.section("removal"), path.as_ref());
+        let nominal = tables::parse_nominal(&top.section("nominal"));
         top.done();
         Some(Recipe {
             panel: panel?,
@@ -66,6 +68,7 @@ impl Recipe {
             surface: surface?,
             path: path?,
             removal: removal?,
+            nominal: nominal?,
         })
     }
 
@@ -117,6 +120,11 @@ impl Recipe {
     /// The required removal, if the recipe states one.
     pub fn removal(&self) -> Option<&Removal> {
         self.removal.as_ref()
+    }
+
+    /// Where the panel's drawing lies, if the panel is taught from it.
+    pub fn nominal(&self) -> Option<&Nominal> {
+        self.nominal.as_ref()
     }
 
     /// Returns the force of the tool on the panel, N: for a compliant tool `[path] force_n`, for a spring the value

@@ -213,3 +213,40 @@ fn removal_is_stated_or_not() {
         (RemovalMethod::Constant, 20.0, 5.0)
     );
 }
+
+/// A drawing's place is a pose or datum points. By hand: the drawing's x axis lies along the base's y axis, and its
+/// origin at (560, -200, 360).
+#[test]
+fn a_drawing_has_its_place_by_a_pose_or_by_points() {
+    let with = |keys: &str| format!("{MINIMAL}[nominal]\n{keys}\n");
+    let place = |keys: &str| {
+        let recipe = Recipe::check("f", &with(keys)).unwrap_or_else(|problems| panic!("{problems}"));
+        *recipe.nominal().expect("a drawing")
+    };
+    let pose = "base_from_drawing = { x_mm = 560, y_mm = -200, z_mm = 360, a_deg = 90, b_deg = 0, c_deg = 0 }";
+    let points = "datums_drawing_mm = [[0, 0, 0], [400, 0, 0], [0, 250, 0]]\n\
+                  datums_base_mm = [[560, -200, 360], [560, 200.3, 360], [310, -200, 360]]";
+    let corner = crate::geometry::Point::at(400.0, 250.0, 0.0);
+    for place in [place(pose), place(points)] {
+        let placed = place.base_from_drawing() * corner;
+        assert!(placed.distance_mm(crate::geometry::Point::at(310.0, 200.0, 360.0)) < 0.3, "{placed:?}");
+    }
+    assert_eq!(place(pose).residual_mm(), None);
+    // Point 2 lies 0.3 mm too far: a shift by a third of it leaves 0.2 mm, and a rotation makes that smaller.
+    let residual_mm = place(points).residual_mm().expect("of points");
+    assert!((0.15..=0.2).contains(&residual_mm), "{residual_mm}");
+    assert!(Recipe::check("f", MINIMAL).is_ok_and(|recipe| recipe.nominal().is_none()));
+    for (keys, words) in [
+        ("", "nominal.base_from_drawing: is missing: state where the drawing's frame lies"),
+        (&format!("{pose}\n{points}")[..], "nominal.base_from_drawing: the pose and datum points are stated"),
+        (
+            &points.replace("200.3", "203"),
+            "nominal.datums_base_mm: point 2 lies 1.91 mm from its place in the drawing",
+        ),
+        (&points.replace("[0, 250, 0]", "[800, 10, 0]"), "the points lie within 5.0 mm of a line (needed 20.0 mm)"),
+        (&points.replace(", [310, -200, 360]", ""), "found 2 points, and 3 in datums_drawing_mm"),
+    ] {
+        let found = recipe_problems(&with(keys)).join("\n");
+        assert!(found.contains(words), "{found}\nshould say: {words}");
+    }
+}

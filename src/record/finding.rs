@@ -49,6 +49,8 @@ impl Kind {
 pub mod name {
     /// Largest distance of today's panel from the taught panel.
     pub const DEVIATION: &str = "deviation from the taught panel, largest";
+    /// The same for a panel that was taught from its drawing, mm.
+    pub const DEVIATION_FROM_DRAWING: &str = "deviation from the drawing, largest";
     /// Time for which a film was watched, s.
     pub const WATCHED: &str = "watched";
     /// The water, as the recipe states it.

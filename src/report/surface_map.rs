@@ -8,6 +8,7 @@
 use super::canvas::{Canvas, Ink};
 use crate::geometry::ColorPicture;
 use crate::imaging::ImagingError;
+use crate::panel::Reference;
 use crate::surface::{DeviationMap, MapPixel};
 
 /// Deviation that has the full colour, mm.
@@ -31,14 +32,19 @@ pub fn surface_map(map: &DeviationMap) -> Result<ColorPicture, ImagingError> {
     drawn(map, FULL_MM, [&front, "scan on the surface", &behind, "point left out of the fit", "no point"])
 }
 
-/// Draws the map of today's surface compared with the taught one; at this deviation it has full colour, mm.
+/// Draws the map of today's surface compared with the taught one, or with the drawing; at this deviation it has full
+/// colour, mm.
 ///
 /// # Errors
 /// If OpenCV refuses to draw.
-pub fn today_map(map: &DeviationMap, full_mm: f64) -> Result<ColorPicture, ImagingError> {
-    let front = format!("panel {full_mm} mm or more in front of the taught one");
+pub fn today_map(map: &DeviationMap, reference: Reference, full_mm: f64) -> Result<ColorPicture, ImagingError> {
+    let front = format!("panel {full_mm} mm or more in front of {}", reference.word());
+    let level = match reference {
+        Reference::Scan => "as taught",
+        Reference::Drawing { .. } => "as drawn",
+    };
     let behind = format!("panel {full_mm} mm or more behind it");
-    drawn(map, full_mm, [&front, "as taught", &behind, "left out", "not seen by the scan"])
+    drawn(map, full_mm, [&front, level, &behind, "left out", "not seen by the scan"])
 }
 
 fn drawn(

@@ -1,6 +1,7 @@
 //! The simulated cell: the poses of all its objects, and the pictures of its two cameras.
 
 use super::cast::{Rays, View};
+use super::drawing;
 use super::film::{Film, OnPanel};
 use super::film_defects::{self, Grease, Spot};
 use super::film_spec::FilmSpec;
@@ -17,8 +18,8 @@ use super::timing::WET_FROM_S;
 use super::truth::Truth;
 use super::wet_flange;
 use crate::geometry::{
-    Base, Camera, ColorPicture, Flange, FlangeCamera, KukaPose, Mask, OrganizedCloud, Panel, PinholeCamera, Pixel,
-    Point, Rigid,
+    Base, Camera, ColorPicture, Drawing, Flange, FlangeCamera, KukaPose, Mask, OrganizedCloud, Panel,
+    PinholeCamera, Pixel, Point, Rigid, TriangleMesh,
 };
 
 /// The pose of the panel, one of two, that a camera looks at.
@@ -158,6 +159,12 @@ impl Cell {
     /// The scan of the taught panel at its nominal pose.
     pub fn taught_scan(&self) -> OrganizedCloud<Camera> {
         self.shot(Some((&self.taught, &scene::nominal())), 0)
+    }
+
+    /// The drawing of the taught panel, and the place of its frame while the panel is at its nominal place.
+    pub fn drawing(&self) -> (TriangleMesh, Rigid<Base, Drawing>) {
+        let base_from_drawing = scene::nominal().isometry() * self.taught.panel_from_sheet();
+        (drawing::mesh(&self.taught), Rigid::claim(base_from_drawing))
     }
 
     /// The scan of the objects that are in the cell later, dry.

@@ -3,7 +3,7 @@
 //! Pure functions from seed and scene to data: no files, no clock. It uses `geometry` alone and shares nothing else
 //! with the code under test. The panel's frame is the base at the nominal place (thesis 3.8).
 //!
-//! - `shape`, `outline`: the panel as a height field cut along an outline
+//! - `shape`, `outline`: the panel as a height field cut along an outline · `drawing`: the same as a mesh
 //! - `scene`, `fixture`: the poses of all objects
 //! - `cast`: what each pixel sees · `appearance`: its colour · `noise`: every random number
 //! - `variety`, `distractors`, `trial`: panels of many shapes among other objects, for the localization
@@ -22,6 +22,7 @@ mod board_cell;
 mod cast;
 mod cell;
 mod distractors;
+mod drawing;
 mod film;
 mod film_defects;
 mod film_spec;

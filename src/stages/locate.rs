@@ -4,7 +4,7 @@ use super::Drawing;
 use crate::files;
 use crate::geometry::{ColorPicture, KukaPose};
 use crate::locate::{Fit, LocateError, Prepared, RangeErrors, TaughtModel, View, gate};
-use crate::panel::TaughtPanel;
+use crate::panel::{Reference, TaughtPanel};
 use crate::path::reach::Obstacles;
 use crate::recipe::Recipe;
 use crate::record::{Check, Finding, Kind, name};
@@ -54,6 +54,12 @@ impl Located<'_> {
         self.view.range
     }
 
+    /// The place of the drawing's frame, if the panel was found and was taught from its drawing.
+    pub fn base_from_drawing(&self) -> Option<KukaPose> {
+        let Reference::Drawing { panel_from_drawing } = self.panel.reference else { return None };
+        Some(KukaPose::from_rigid(&(self.fit.as_ref()?.base_from_panel * panel_from_drawing)))
+    }
+
     /// The obstacles that the arm avoids on its way to a corner: the panel where it was found, and the other points
     /// of the scan. `None` if the localization is rejected, since nothing moves towards such a panel.
     pub fn obstacles(&self) -> Option<Obstacles> {
@@ -89,6 +95,10 @@ impl Located<'_> {
         let finding = finding.with(self.checks.iter().cloned()).with([elapsed]);
         let finding = finding.detail("3D camera's own errors", json!(self.view.range.words()));
         let Some(fit) = &self.fit else { return finding };
-        finding.detail("base_from_panel", json!(KukaPose::from_rigid(&fit.base_from_panel)))
+        let finding = finding.detail("base_from_panel", json!(KukaPose::from_rigid(&fit.base_from_panel)));
+        match self.base_from_drawing() {
+            Some(pose) => finding.detail("base_from_drawing", json!(pose)),
+            None => finding,
+        }
     }
 }

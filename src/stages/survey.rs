@@ -4,7 +4,7 @@
 use super::{Drawing, names};
 use crate::force::check_stroke;
 use crate::number_text::apart;
-use crate::panel::{GridId, TaughtPanel};
+use crate::panel::{GridId, Reference, TaughtPanel};
 use crate::path::check_pad;
 use crate::path::disc::DiscUse;
 use crate::path::panel_reach::{self, GridReach, ReachSetup};
@@ -121,9 +121,13 @@ pub struct Today {
 pub fn today((panel, taught): (&TaughtPanel, &Fit), points: &[TodaysPoint], limits: &recipe::Surface) -> Today {
     match surface::todays(&taught.surface, panel, &taught.map, (points, limits.max_hole_mm())) {
         Ok(todays) => {
-            let checks = deviations(&todays, limits).into();
-            let picture = today_map(&todays.map, limits.max_deviation_mm());
-            let caption = "How far the panel lies today in front of the taught one, or behind it";
+            let reference = panel.reference;
+            let checks = deviations(&todays, reference, limits).into();
+            let picture = today_map(&todays.map, reference, limits.max_deviation_mm());
+            let caption = match reference {
+                Reference::Scan => "How far the panel lies today in front of the taught one, or behind it",
+                Reference::Drawing { .. } => "How far the panel lies today in front of its drawing, or behind it",
+            };
             let drawing = Some(Drawing::new("deviation", caption, picture));
             if limits.method() == FitMethod::Thesis {
                 let rms_mm = Some(todays.rms_mm.hypot(todays.largest_mm));
@@ -141,19 +145,27 @@ pub fn today((panel, taught): (&TaughtPanel, &Fit), points: &[TodaysPoint], limi
 }
 
 /// Checks the difference between today's surface and the taught surface against the limits.
-fn deviations(todays: &Todays, limits: &recipe::Surface) -> [Check; 4] {
+fn deviations(todays: &Todays, reference: Reference, limits: &recipe::Surface) -> [Check; 4] {
     let (deviation_mm, limit_mm) = (todays.largest_mm, limits.max_deviation_mm());
     let (rms_mm, limit_rms_mm) = (todays.rms_mm, limits.max_rms_mm());
     let (percent, limit_percent) = (todays.missing_percent, limits.max_missing_percent());
     let (hole_mm, limit_hole_mm) = (todays.largest_hole_mm, limits.max_hole_mm());
+    let name = match reference {
+        Reference::Scan => name::DEVIATION,
+        Reference::Drawing { .. } => name::DEVIATION_FROM_DRAWING,
+    };
     [
-        Check::new(name::DEVIATION, "mm", deviation_mm)
+        Check::new(name, "mm", deviation_mm)
             .at_most(limit_mm, SetBy::recipe("surface.max_deviation_mm"))
             .reviews("deviates", || {
                 let [mm, limit_mm] = apart(deviation_mm, limit_mm, 2);
+                let (other, clamped) = match reference {
+                    Reference::Scan => (reference.word(), "clamped as it was taught"),
+                    Reference::Drawing { .. } => (reference.word(), "clamped without a bend"),
+                };
                 format!(
-                    "the panel is up to {mm} mm from the taught one (limit {limit_mm} mm): look at the map of its \
-                     deviation; check that it is the right panel, clamped as it was taught"
+                    "the panel is up to {mm} mm from {other} (limit {limit_mm} mm): look at the map of its deviation; \
+                     check that it is the right panel, {clamped}"
                 )
             }),
         Check::new("residual of today's surface, rms", "mm", rms_mm)

@@ -111,6 +111,17 @@ pub fn pcd() -> Vec<Vec<u8>> {
     ["ascii", "binary", "binary_compressed"].map(|kind| shipped(&format!("fixtures/pcl/shot_{kind}.pcd"))).to_vec()
 }
 
+/// Returns the same square in each form of a mesh.
+pub fn meshes() -> Vec<Vec<u8>> {
+    let obj = "# unit mm\no skin\nv 0 0 0\nv 2 0 0\nv 2 1 0\nv 0 1 0\nvn 0 0 1\nf 1/1/1 2//1 3 -1\n";
+    let text = "solid skin unit: mm\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 2 0 0\nvertex 2 1 0\nendloop\nendfacet\n\
+                endsolid skin\n";
+    let ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+               element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n2 0 0\n2 1 0\n3 0 1 2\n";
+    let binary = files::read_mesh(obj.as_bytes()).map(|mesh| files::write_stl(&mesh));
+    [obj, text, ply].map(|text| text.as_bytes().to_vec()).into_iter().chain(binary).collect()
+}
+
 /// Returns a cloud as Zivid's programs write it, and one as text.
 pub fn ply() -> Vec<Vec<u8>> {
     let text = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n\

@@ -10,7 +10,8 @@ use panelprep::daemon::{read_request, request_line};
 use panelprep::devices::zivid::{message, wire};
 use panelprep::eki::{ChannelFile, Framer, MAX_DOCUMENT_BYTES, Time};
 use panelprep::force::{Press, Session, SessionLimits};
-use panelprep::geometry::PinholeCamera;
+use panelprep::geometry::{Camera, Drawing, LengthUnit, PinholeCamera, Rigid};
+use panelprep::nominal::{Edges, Part, Rays, Seen};
 use panelprep::office::{Assembly, CellState, Chunk, Message};
 use panelprep::recipe::Recipe;
 use panelprep::sparkplug::{
@@ -31,7 +32,7 @@ pub struct Target {
 }
 
 /// All of them.
-pub const TARGETS: [Target; 23] = [
+pub const TARGETS: [Target; 24] = [
     Target { name: "framer", run: framer, seeds: seeds::messages },
     Target { name: "wire", run: messages, seeds: seeds::messages },
     Target { name: "channel", run: channel, seeds: seeds::channels },
@@ -43,6 +44,7 @@ pub const TARGETS: [Target; 23] = [
     Target { name: "mounts", run: mounts, seeds: seeds::mounts },
     Target { name: "pcd", run: pcd, seeds: seeds::pcd },
     Target { name: "ply", run: ply, seeds: seeds::ply },
+    Target { name: "mesh", run: mesh, seeds: seeds::meshes },
     Target { name: "clip", run: clip, seeds: seeds::clips },
     Target { name: "picture", run: picture, seeds: seeds::pictures },
     Target { name: "pose", run: pose, seeds: seeds::poses },
@@ -205,6 +207,25 @@ fn pcd(bytes: &[u8]) {
         files::read_pcd(&files::write_pcd(&cloud), &CAMERA).expect("it reads back");
     }
     drop(files::read_any_cloud(bytes, None));
+}
+
+fn mesh(bytes: &[u8]) {
+    let Ok(mesh) = files::read_mesh(bytes) else { return };
+    let is_single = mesh.vertices.iter().flatten().all(|number| number.abs() < f64::from(f32::MAX));
+    if is_single {
+        let back = files::read_mesh(&files::write_stl(&mesh)).expect("it reads back");
+        assert_eq!(back.triangles.len(), mesh.triangles.len());
+    }
+    if let Ok(part) = Part::choose(mesh, Some(LengthUnit::Millimetre), None)
+        && let Ok(edges) = Edges::find(&part)
+    {
+        let place = Rigid::<Camera, Drawing>::claim(nalgebra::Isometry3::translation(0.0, 0.0, 500.0));
+        let rays = Rays::new(part, &place);
+        let is_whole = rays.check_crossings(&edges, &place).is_ok();
+        if is_whole && let Ok(Some(seen)) = Seen::look(&rays, &CAMERA) {
+            assert_eq!(seen.cloud().map(|cloud| cloud.width()), Some(CAMERA.width_px));
+        }
+    }
 }
 
 fn ply(bytes: &[u8]) {

@@ -1,6 +1,7 @@
 //! Arguments of the commands that check and judge files.
 
 use super::simulation::Simulation;
+use crate::geometry::LengthUnit;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 
@@ -50,8 +51,18 @@ pub struct Teach {
     #[arg(long, value_name = "FILE")]
     pub recipe: PathBuf,
     /// The scan at the nominal place: organised PCD or PLY.
-    #[arg(long, value_name = "FILE", required_unless_present = "live")]
+    #[arg(long, value_name = "FILE", required_unless_present_any = ["live", "nominal"])]
     pub scan: Option<PathBuf>,
+    /// The panel's drawing as a mesh, instead of a scan: STL, PLY or OBJ. The recipe's [nominal] states its place.
+    /// With `--flange` alone, the corner pictures are computed from it, too.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["scan", "live", "corner"])]
+    pub nominal: Option<PathBuf>,
+    /// The drawing's unit, if its file states none: mm, in or m.
+    #[arg(long, value_name = "UNIT", requires = "nominal", value_parser = unit)]
+    pub unit: Option<LengthUnit>,
+    /// The part of the drawing that is the panel, if it has several.
+    #[arg(long, value_name = "NAME", requires = "nominal")]
+    pub part: Option<String>,
     /// Take the scan and the corner pictures now, with the cell's cameras, and keep them in this folder; the region
     /// is drawn in a browser between them.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["scan", "corner", "flange"])]
@@ -78,6 +89,11 @@ pub struct Teach {
     /// Folder for pictures of what was learnt or, if nothing could be learnt, of the input.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
+}
+
+fn unit(word: &str) -> Result<LengthUnit, String> {
+    let known = LengthUnit::ALL.into_iter().find(|(unit, _)| unit.word() == word);
+    known.map(|(unit, _)| unit).ok_or_else(|| "valid: mm, in or m".to_owned())
 }
 
 /// Options of `look`.

@@ -81,6 +81,9 @@ pub struct Render {
     /// each number. The data for teaching is the same for all of these places.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub place: u32,
+    /// Also write the panel's drawing, drawing.stl, and a recipe for teaching the panel from it.
+    #[arg(long)]
+    pub drawing: bool,
     /// Also write pictures of boards, poses and touched points, for `panelprep calibrate`.
     #[arg(long)]
     pub boards: bool,

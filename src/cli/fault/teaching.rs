@@ -1,12 +1,16 @@
 //! The faults of a teaching, new or existing, that stop a command.
 
+use crate::number_text::apart;
 use std::path::PathBuf;
 
 /// Why a panel cannot be taught, or why its taught data cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum TeachingFault {
     /// There is no scan for the teaching.
-    #[error("there is no scan to teach with: name it with --scan FILE, or take it now with --live DIR")]
+    #[error(
+        "there is no scan to teach with: name it with --scan FILE, take it now with --live DIR, or name the panel's drawing with \
+         --nominal FILE"
+    )]
     NoScan,
     /// The terminal is closed, so that no person can answer.
     #[error(
@@ -31,6 +35,65 @@ pub enum TeachingFault {
          two with --corner FILE --flange POSE.json each (a cell without [calibration] flange_camera needs none)"
     )]
     NoCorner,
+    /// No corner view for a cell that runs cycles, and a panel that is taught from its drawing.
+    #[error(
+        "a cycle of this cell looks at taught corners before each contact, and no corner view was given: name the flange's pose of \
+         one or, better, two with --flange POSE.json each; the pictures are computed from the drawing"
+    )]
+    NoCornerView,
+    /// A drawing for a recipe that does not state its place.
+    #[error(
+        "{}: [nominal] is missing: it states where the drawing's frame lies in the robot's base, by base_from_drawing or by datum points",
+        recipe.display()
+    )]
+    NoNominalPlace {
+        /// The recipe's file.
+        recipe: PathBuf,
+    },
+    /// A scan for a recipe whose panel is taught from a drawing.
+    #[error(
+        "{}: [nominal] states that the panel is taught from its drawing: name it with --nominal FILE, or take [nominal] out",
+        recipe.display()
+    )]
+    NominalByScan {
+        /// The recipe's file.
+        recipe: PathBuf,
+    },
+    /// A corner of the region that the 3D camera does not see on the drawing.
+    #[error(
+        "[nominal] region_mm: the 3D camera sees no point of the drawing at corner {number}; choose four corners on the visible surface, in mm \
+         of the drawing's frame"
+    )]
+    RegionOffDrawing {
+        /// Number of the corner, from 1.
+        number: usize,
+    },
+    /// A corner of the region that is not on the drawing's surface.
+    #[error(
+        "[nominal] region_mm: corner {number} lies {} mm in front of the drawing's surface or behind it (limit {} mm); state the \
+         coordinates of a point on the surface",
+        apart(*away_mm, *limit_mm, 1)[0], apart(*away_mm, *limit_mm, 1)[1]
+    )]
+    RegionBesideDrawing {
+        /// Number of the corner, from 1.
+        number: usize,
+        /// Its distance along the camera's ray, mm.
+        away_mm: f64,
+        /// The limit, mm.
+        limit_mm: f64,
+    },
+    /// A region that would be stated twice.
+    #[error("{}: [nominal] region_mm states the region: take it out to draw the region, or leave --draw out", recipe.display())]
+    RegionInDrawing {
+        /// The recipe's file.
+        recipe: PathBuf,
+    },
+    /// The flange camera does not see the drawing.
+    #[error("{}: from this pose the flange camera does not see the drawing; choose a pose that sees a corner", flange.display())]
+    DrawingNotSeen {
+        /// The file of the flange's pose.
+        flange: PathBuf,
+    },
     /// More corner pictures than corners were taught.
     #[error("{found} corner pictures, but {taught} corners of this panel were taught; teach them with --corner")]
     CornersNotTaught {

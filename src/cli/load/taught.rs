@@ -63,7 +63,9 @@ pub fn derive(
     let errors = scan_errors_of_teaching(&lens, now);
     let camera = lens.camera;
     let base_from_camera = MountedPose::<ScannerMount>::check(kept, &teaching.base_from_camera_text)?.rigid();
-    let cloud = errors.corrected(files::read_cloud(&teaching.scan, &camera).map_err(Fault::stage)?);
+    let cloud = files::read_cloud(&teaching.scan, &camera).map_err(Fault::stage)?;
+    // A drawing's rays have none of the camera's errors.
+    let cloud = if recipe.nominal().is_some() { cloud } else { errors.corrected(cloud) };
     let panel = TaughtPanel::learn(&cloud, camera, base_from_camera, recipe).map_err(Fault::stage)?;
     let mut corners = Vec::with_capacity(teaching.corners.len());
     let mut problems = Vec::new();

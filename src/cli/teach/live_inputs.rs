@@ -10,24 +10,30 @@ use super::super::output::{answer, tell_line};
 use super::super::shoot::opening::{self, Wanted};
 use super::super::{live, service_request};
 use crate::files;
-use crate::geometry::{Base, ColorPicture, Flange, Rigid};
+use crate::geometry::{Base, Camera, ColorPicture, Flange, OrganizedCloud, Rigid};
 use crate::page::Local;
 use crate::page::drawing::{self, Sheet};
 use crate::sim::{self, PanelPosition};
 use std::path::{Path, PathBuf};
 
-/// The same command with existing files: those that it names, or those that were taken.
+/// The same command with existing files: those that it names, or those that were taken. The region is drawn on the
+/// picture of the scan, or of the drawing.
 ///
 /// # Errors
 /// If a camera does not deliver, there is no answer, the page cannot be served, or writing to the disk fails.
-pub fn ready(args: &Teach, cell: &CellFiles) -> Result<Teach, Fault> {
+pub fn ready(args: &Teach, cell: &CellFiles, drawn: Option<&OrganizedCloud<Camera>>) -> Result<Teach, Fault> {
     let mut ready = args.clone();
     let world = simulated(args, cell)?;
     if let Some(folder) = &args.live {
         ready.scan = Some(scan(args, (cell, world.as_ref()), folder)?);
     }
-    if let (Some(scan), true) = (&ready.scan, args.draw || args.live.is_some() && !args.no_draw) {
-        draw(args, cell, scan)?;
+    if args.draw || args.live.is_some() && !args.no_draw {
+        let picture = match (drawn, &ready.scan) {
+            (Some(drawn), _) => drawn.picture(),
+            (None, Some(scan)) => load::scan(scan, &cell.scanner()?.value)?.picture(),
+            (None, None) => return Err(TeachingFault::NoScan.into()),
+        };
+        draw(args, &picture)?;
     }
     if let Some(folder) = args.live.as_ref().filter(|_| args.corner.is_empty()) {
         let calibration = cell.cell.calibration();
@@ -65,12 +71,11 @@ fn scan(args: &Teach, (cell, world): (&CellFiles, Option<&sim::Cell>), folder: &
 }
 
 /// Serves the page for drawing until the person has finished.
-fn draw(args: &Teach, cell: &CellFiles, scan: &Path) -> Result<(), Fault> {
-    let picture = load::scan(scan, &cell.scanner()?.value)?.picture();
+fn draw(args: &Teach, picture: &ColorPicture) -> Result<(), Fault> {
     let recipe = args.recipe.clone();
     let sheet = Sheet {
         recipe: args.recipe.clone(),
-        picture_png: files::write_color_png(&picture).map_err(Fault::stage)?,
+        picture_png: files::write_color_png(picture).map_err(Fault::stage)?,
         size_px: [picture.width, picture.height],
         write: Box::new(move |text| disk::write_through(&recipe, text).map_err(|fault| fault.to_string())),
     };

@@ -232,3 +232,14 @@ fn sizes_are_judged_before_points_are_unpacked() {
     assert!(wider.contains("2332800 points of 400 bytes (limits 64 bytes a point"), "{wider}");
     assert!(words(&file(4, 1_944, 1_200)).contains("cannot be unpacked"));
 }
+
+/// The comment states the origin in one line, and the file reads back as without it.
+#[test]
+fn a_comment_states_the_origin() {
+    let file = write_pcd_from(&small_cloud(), "the drawing\nof a door");
+    assert!(
+        file.starts_with(b"# .PCD v0.7 - Point Cloud Data file format\n# the drawing of a door\nVERSION 0.7\n")
+    );
+    let back = super::read_any_pcd(&file).expect("it reads back");
+    assert_eq!(write_pcd(&back), write_pcd(&small_cloud()));
+}

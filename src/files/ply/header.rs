@@ -15,28 +15,50 @@ pub(super) enum Number {
     Float,
     Double,
     Byte,
-    Other { bytes: usize },
+    /// A whole number of another width.
+    Other {
+        bytes: usize,
+        is_signed: bool,
+    },
 }
 
 impl Number {
-    fn named(name: &str) -> Option<Self> {
+    pub(super) fn named(name: &str) -> Option<Self> {
         Some(match name {
             "float" | "float32" => Number::Float,
             "double" | "float64" => Number::Double,
             "uchar" | "uint8" => Number::Byte,
-            "char" | "int8" => Number::Other { bytes: 1 },
-            "short" | "ushort" | "int16" | "uint16" => Number::Other { bytes: 2 },
-            "int" | "uint" | "int32" | "uint32" => Number::Other { bytes: 4 },
+            "char" | "int8" => Number::Other { bytes: 1, is_signed: true },
+            "short" | "int16" => Number::Other { bytes: 2, is_signed: true },
+            "ushort" | "uint16" => Number::Other { bytes: 2, is_signed: false },
+            "int" | "int32" => Number::Other { bytes: 4, is_signed: true },
+            "uint" | "uint32" => Number::Other { bytes: 4, is_signed: false },
             _ => return None,
         })
     }
 
-    fn bytes(self) -> usize {
+    pub(super) fn bytes(self) -> usize {
         match self {
             Number::Byte => 1,
             Number::Float => 4,
             Number::Double => 8,
-            Number::Other { bytes } => bytes,
+            Number::Other { bytes, .. } => bytes,
+        }
+    }
+
+    /// Returns the value of these bytes, as many as the number has; little endian.
+    pub(super) fn value(self, bytes: &[u8]) -> f64 {
+        let mut wide = [0; 8];
+        wide.iter_mut().zip(bytes).for_each(|(to, from)| *to = *from);
+        let whole = u64::from_le_bytes(wide);
+        match self {
+            Number::Float => f64::from(f32::from_bits(whole as u32)),
+            Number::Double => f64::from_bits(whole),
+            Number::Other { bytes, is_signed: true } => {
+                let unused_bits = 64 - 8 * bytes as u32;
+                ((whole << unused_bits) as i64 >> unused_bits) as f64
+            }
+            Number::Byte | Number::Other { .. } => whole as f64,
         }
     }
 }
@@ -51,6 +73,13 @@ pub(super) struct PropertyOffset {
 
 pub(super) type PropertyOffsets = [PropertyOffset; 6];
 
+/// An element after the vertices.
+pub(super) struct LaterElement {
+    pub name: String,
+    pub count: u64,
+    pub properties: Vec<Vec<String>>,
+}
+
 /// A header as found; its own counts are checked by the code that uses them.
 #[derive(Default)]
 pub(super) struct Header {
@@ -60,6 +89,10 @@ pub(super) struct Header {
     pub vertices: u64,
     pub properties: Vec<(String, Number)>,
     pub elements: usize,
+    /// The elements after the vertices, with the words of each property's line.
+    pub later: Vec<LaterElement>,
+    /// The texts of all comments.
+    pub comments: Vec<String>,
     pub lines: usize,
     pub bytes: usize,
 }
@@ -95,16 +128,22 @@ impl Header {
             _ if self.lines == 2 => return Err("valid: format ascii 1.0 or format binary_little_endian 1.0"),
             ["comment", "width", width] => self.width = Some(count(width)?),
             ["comment", "height", height] => self.height = Some(count(height)?),
-            ["comment" | "obj_info", ..] => {}
+            ["comment" | "obj_info", ref words @ ..] => self.comments.push(words.join(" ")),
             ["element", name, number] => {
                 self.elements += 1;
                 match (name, self.elements) {
                     ("vertex", 1) => self.vertices = count(number)?,
                     (_, 1) => return Err("the first element must be vertex"),
-                    _ => {}
+                    _ => {
+                        let (name, count) = (name.to_owned(), count(number)?);
+                        self.later.push(LaterElement { name, count, properties: Vec::new() });
+                    }
                 }
             }
-            ["property", ..] if self.elements > 1 => {}
+            ["property", ref words @ ..] if self.elements > 1 => {
+                let words = words.iter().map(|word| (*word).to_owned()).collect();
+                self.later.last_mut().into_iter().for_each(|element| element.properties.push(Vec::clone(&words)));
+            }
             ["property", "list", ..] => return Err("list properties of a vertex are not supported"),
             ["property", kind, name] if self.elements == 1 => {
                 let number = Number::named(kind).ok_or("allowed types are char … double and int8 … float64")?;
@@ -155,17 +194,35 @@ impl Header {
         for (index, (place, name)) in places.iter_mut().zip(NAMES).enumerate() {
             let allowed =
                 if index < 3 { "float or double, in mm" } else { "uchar; export the cloud with its colours" };
-            let refuse = |found: &str| CloudFileError::Field { name, found: found.to_owned(), allowed };
-            let word = self.properties.iter().position(|(known, _)| known == name).ok_or_else(|| refuse("none"))?;
-            let number = self.properties[word].1;
-            match number {
-                Number::Float | Number::Double if index < 3 => {}
-                Number::Byte if index >= 3 => {}
-                _ => return Err(refuse("another type")),
-            }
-            let byte = self.properties[..word].iter().map(|(_, number)| number.bytes()).sum();
-            *place = PropertyOffset { word, byte, number };
+            *place = self.place(name, allowed, |number| match number {
+                Number::Float | Number::Double => index < 3,
+                Number::Byte => index >= 3,
+                Number::Other { .. } => false,
+            })?;
         }
         Ok(places)
+    }
+
+    /// The places of x, y and z alone, for a file without colours.
+    pub fn point_places(&self) -> Result<[PropertyOffset; 3], CloudFileError> {
+        let is_right = |number| matches!(number, Number::Float | Number::Double);
+        let place = |name| self.place(name, "float or double", is_right);
+        Ok([place("x")?, place("y")?, place("z")?])
+    }
+
+    fn place(
+        &self,
+        name: &'static str,
+        allowed: &'static str,
+        is_right: impl Fn(Number) -> bool,
+    ) -> Result<PropertyOffset, CloudFileError> {
+        let refuse = |found: &str| CloudFileError::Field { name, found: found.to_owned(), allowed };
+        let word = self.properties.iter().position(|(known, _)| known == name).ok_or_else(|| refuse("none"))?;
+        let number = self.properties[word].1;
+        if !is_right(number) {
+            return Err(refuse("another type"));
+        }
+        let byte = self.properties[..word].iter().map(|(_, number)| number.bytes()).sum();
+        Ok(PropertyOffset { word, byte, number })
     }
 }

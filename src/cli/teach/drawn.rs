@@ -1,0 +1,229 @@
+//! The panel's drawing, as the cell's cameras see it at the nominal place: the scan and the corner pictures of a
+//! teaching without a panel.
+
+use super::super::args::Teach;
+use super::super::disk;
+use super::super::fault::{Fault, TeachingFault};
+use super::super::load::{self, CellFiles};
+use super::super::outcome::Outcome;
+use super::super::output::tell_line;
+use crate::files;
+use crate::geometry::{Base, Camera, Drawing, Flange, FlangeCamera, OrganizedCloud, PinholeCamera, Point, Rigid};
+use crate::nominal::{Edges, NominalError, NotSeen, Part, Rays, Seen};
+use crate::number_text::fixed;
+use crate::page::drawing::canvas;
+use crate::recipe::{self, Recipe, drawn_into};
+use crate::store::TaughtCorner;
+use crate::verdict::Reason;
+use serde_json::json;
+use std::path::Path;
+
+/// A larger deviation of the facets is a tenth of what a scan measures, mm: the operator is warned.
+const FINE_FACETS_MM: f64 = 0.01;
+/// Largest distance of a corner of the region from the drawing's surface, along the camera's ray, mm.
+const MAX_AWAY_MM: f64 = 1.0;
+/// If a larger share of the surface lies outside of the picture, a person must look.
+const MAX_OUTSIDE: f64 = 0.001;
+
+/// A drawing as the cameras see it.
+pub struct Drawn {
+    /// What the 3D camera sees.
+    pub scan: OrganizedCloud<Camera>,
+    /// The same as the file that the store keeps.
+    pub scan_file: Vec<u8>,
+    /// What the flange camera sees, from the poses that the command names.
+    pub corners: Vec<TaughtCorner>,
+    hash: String,
+    unit: &'static str,
+    part: String,
+    triangles: usize,
+    is_closed: bool,
+    facet_error_mm: f64,
+    residual_mm: Option<f64>,
+    not_seen: NotSeen,
+}
+
+/// The flange camera of the cell.
+struct FlangeView {
+    camera: PinholeCamera,
+    flange_from_camera: Rigid<Flange, FlangeCamera>,
+    /// Brightness of panel and background in its pictures, grey levels.
+    grays: [u8; 2],
+}
+
+impl Drawn {
+    /// Looks at the drawing that the command names; `None` if it names none.
+    ///
+    /// # Errors
+    /// If the recipe does not state the drawing's place, the file is no clear surface, or a camera does not see it.
+    pub fn look(args: &Teach, cell: &CellFiles) -> Result<Option<Drawn>, Fault> {
+        let recipe = load::recipe(&args.recipe)?;
+        let (file, nominal) = match (&args.nominal, recipe.nominal()) {
+            (None, None) => return Ok(None),
+            (Some(file), Some(nominal)) => (file, nominal),
+            (Some(_), None) => return Err(TeachingFault::NoNominalPlace { recipe: args.recipe.clone() }.into()),
+            (None, Some(_)) => return Err(TeachingFault::NominalByScan { recipe: args.recipe.clone() }.into()),
+        };
+        let refuse = |error: NominalError| Fault::file(file, error);
+        let bytes = disk::read(file)?;
+        let hash = files::content_hash(&bytes);
+        let mesh = files::read_mesh(&bytes).map_err(|error| Fault::file(file, error))?;
+        drop(bytes);
+        let unit = mesh.unit.or(args.unit).map_or("", |unit| unit.word());
+        let part = Part::choose(mesh, args.unit, args.part.as_deref()).map_err(refuse)?;
+        let edges = Edges::find(&part).map_err(refuse)?;
+        let base_from_drawing = nominal.base_from_drawing();
+        let camera = cell.scanner()?.value;
+        let camera_from_drawing = cell.base_from_camera()?.value.inverse() * base_from_drawing;
+        let (name, triangles) = (part.name.clone(), part.triangles.len());
+        let spare = (!args.flange.is_empty()).then(|| part.clone());
+        let not_there = part.not_seen(&base_from_drawing);
+        let rays = Rays::new(part, &camera_from_drawing);
+        rays.check_crossings(&edges, &camera_from_drawing).map_err(refuse)?;
+        let seen = Seen::look(&rays, &camera).map_err(refuse)?;
+        let scan = seen.and_then(|seen| seen.cloud()).ok_or_else(|| refuse(not_there))?;
+        if let Some(corners) = nominal.region_mm() {
+            let corners = corners.map(|corner| camera_from_drawing * corner);
+            set_region(args, &recipe, region_px(&corners, &scan, &camera)?)?;
+        }
+        let is_closed = edges.borders.is_empty();
+        let not_seen = NotSeen::find(&rays, &camera, is_closed);
+        let corners = match spare {
+            Some(part) => corners(args, cell, (&part, &base_from_drawing), &recipe)?,
+            None => vec![],
+        };
+        let origin = format!("the view of part \"{name}\" of the drawing with SHA-256 {hash}, unit {unit}");
+        Ok(Some(Drawn {
+            scan_file: files::write_pcd_from(&scan, &origin),
+            scan,
+            corners,
+            hash,
+            unit,
+            part: name,
+            triangles,
+            is_closed,
+            facet_error_mm: edges.facet_error_mm,
+            residual_mm: nominal.residual_mm(),
+            not_seen,
+        }))
+    }
+
+    /// Why a person must look at a panel that was taught from this drawing.
+    pub fn reasons(&self) -> Vec<Reason> {
+        let outside = self.not_seen.outside;
+        let message = || {
+            format!(
+                "{} % of the drawing's surface lies outside of the 3D camera's picture: that part of the panel and its edge are not \
+                 seen; check [nominal], or move the camera",
+                fixed(100.0 * outside, 1)
+            )
+        };
+        (outside > MAX_OUTSIDE).then(|| Reason::new("drawing_outside", message())).into_iter().collect()
+    }
+
+    /// Reports what was taught from.
+    pub fn report(&self, file: &Path, outcome: &mut Outcome) {
+        let kind = if self.is_closed { "a closed body" } else { "an open surface" };
+        outcome.add_line(format!(
+            "taught from the drawing {}, part \"{}\": {kind} of {} triangles, unit {}",
+            file.display(),
+            self.part,
+            self.triangles,
+            self.unit
+        ));
+        let hidden = fixed(100.0 * self.not_seen.hidden, 1);
+        outcome.add_line(format!(
+            "{hidden} % of the surface that faces the 3D camera is hidden behind other parts of it"
+        ));
+        if let Some(residual_mm) = self.residual_mm {
+            outcome.add_line(format!("its datum points fit the drawing to {} mm", fixed(residual_mm, 2)));
+        }
+        outcome.put(
+            "drawing",
+            json!({
+                "sha256": self.hash, "part": self.part, "unit": self.unit, "triangles": self.triangles, "closed": self.is_closed,
+                "facet_error_mm": self.facet_error_mm, "hidden": self.not_seen.hidden, "outside": self.not_seen.outside,
+                "datum_residual_mm": self.residual_mm,
+            }),
+        );
+    }
+
+    /// What the operator should know.
+    pub fn warnings(&self) -> Option<String> {
+        (self.facet_error_mm > FINE_FACETS_MM).then(|| {
+            format!(
+                "where its surface is curved, the drawing's triangles deviate from it by about {} mm (better: {FINE_FACETS_MM} mm or \
+                 less); export it with a smaller deviation",
+                fixed(self.facet_error_mm, 3)
+            )
+        })
+    }
+}
+
+/// Returns the region's corners in the 3D camera's picture.
+fn region_px(
+    corners: &[Point<Camera>; 4],
+    scan: &OrganizedCloud<Camera>,
+    camera: &PinholeCamera,
+) -> Result<[[f64; 2]; 4], Fault> {
+    let mut corners_px = [[0.0; 2]; 4];
+    for (index, (corner, px)) in corners.iter().zip(&mut corners_px).enumerate() {
+        let number = index + 1;
+        let seen = camera.project_inside(*corner).and_then(|pixel| {
+            let (column, row) = pixel.whole(scan.width(), scan.height())?;
+            Some((pixel, scan.point(column, row)?))
+        });
+        let (pixel, point) = seen.ok_or(TeachingFault::RegionOffDrawing { number })?;
+        // Along the ray alone: beside it lies half a pixel.
+        let away_mm = (point.mm.coords.norm() - corner.mm.coords.norm()).abs();
+        if away_mm > MAX_AWAY_MM {
+            return Err(TeachingFault::RegionBesideDrawing { number, away_mm, limit_mm: MAX_AWAY_MM }.into());
+        }
+        // As many digits as the page writes.
+        *px = [pixel.u, pixel.v].map(|px| (px * 10.0).round() / 10.0);
+    }
+    Ok(corners_px)
+}
+
+/// Writes the region's corners into the recipe's file, if they differ from those in it.
+fn set_region(args: &Teach, recipe: &Recipe, corners_px: [[f64; 2]; 4]) -> Result<(), Fault> {
+    if args.draw {
+        return Err(TeachingFault::RegionInDrawing { recipe: args.recipe.clone() }.into());
+    }
+    if recipe.region().corners_px() == corners_px {
+        return Ok(());
+    }
+    let text = disk::read_text(&args.recipe)?;
+    let changed =
+        drawn_into(&text, &recipe::Drawn { corners_px, ..canvas::drawn(recipe) }).map_err(Fault::stage)?;
+    disk::write_through(&args.recipe, changed)?;
+    tell_line(&format!("{}: [region] corners_px is set from [nominal] region_mm", args.recipe.display()));
+    Ok(())
+}
+
+/// Returns what the flange camera sees of the drawing from each pose that the command names.
+fn corners(
+    args: &Teach,
+    cell: &CellFiles,
+    (part, base_from_drawing): (&Part, &Rigid<Base, Drawing>),
+    recipe: &Recipe,
+) -> Result<Vec<TaughtCorner>, Fault> {
+    // The recipe's limits are those of a byte.
+    let gray = ((recipe.corner().panel_gray_min() + recipe.corner().panel_gray_max()) / 2) as u8;
+    let view = FlangeView {
+        camera: cell.flange_camera()?.value,
+        flange_from_camera: cell.flange_from_camera()?.value,
+        grays: [gray, if gray < 128 { u8::MAX } else { 0 }],
+    };
+    let corner = |file: &std::path::PathBuf| {
+        let base_from_flange = load::flange_file(cell, file)?;
+        let base_from_camera: Rigid<Base, FlangeCamera> = base_from_flange.to_rigid() * view.flange_from_camera;
+        let rays = Rays::new(part.clone(), &(base_from_camera.inverse() * *base_from_drawing));
+        let seen = Seen::look(&rays, &view.camera).map_err(|error| Fault::file(file, error))?;
+        let seen = seen.ok_or_else(|| TeachingFault::DrawingNotSeen { flange: file.clone() })?;
+        let [panel, beside] = view.grays;
+        let picture = files::write_color_png(&seen.picture(panel, beside)).map_err(Fault::stage)?;
+        Ok(TaughtCorner { picture, base_from_flange })
+    };
+    args.flange.iter().map(corner).collect()
+}

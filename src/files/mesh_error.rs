@@ -1,0 +1,101 @@
+//! Reasons why bytes are no mesh.
+
+use super::cloud_error::CloudFileError;
+
+/// Largest number of triangles, five times that of a finely meshed panel; the memory stays below one gigabyte.
+pub const MAX_TRIANGLES: usize = 5_000_000;
+
+/// What to do with a file of a CAD system: all kinds of it have the same remedy.
+const CONVERT: &str = "convert it to STL with the CAD system, or with FreeCAD (open it, select the panel's body, File → Export, \
+                       STL mesh), with a deviation of 0.01 mm or less";
+
+/// Why a drawing's file was refused: the position, what was found, what to do.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum MeshFileError {
+    /// None of the forms that are read.
+    #[error("this is no STL, PLY or OBJ file; {CONVERT}")]
+    NoMesh,
+    /// A file of a CAD system, whose surfaces are no triangles.
+    #[error("this is {kind}, whose surfaces are formulas and no triangles: {CONVERT}")]
+    Surfaces {
+        /// What it is.
+        kind: &'static str,
+    },
+    /// A binary STL file whose size is not what its header states.
+    #[error(
+        "the header of this binary STL file states {triangles} triangles, {needed} bytes in all, and the file has {found} \
+         bytes: it is truncated, or not complete; export it again"
+    )]
+    StlSize {
+        /// Triangles stated.
+        triangles: u64,
+        /// Bytes of a file with as many.
+        needed: u64,
+        /// Bytes there are.
+        found: u64,
+    },
+    /// A triangle, vertex or face of a binary file.
+    #[error("{what} {number}: {problem}")]
+    Record {
+        /// What it is.
+        what: &'static str,
+        /// Which, from 1.
+        number: usize,
+        /// The problem.
+        problem: String,
+    },
+    /// A line of a text.
+    #[error("line {line}: {problem}")]
+    Line {
+        /// Line, from 1.
+        line: usize,
+        /// The problem.
+        problem: String,
+    },
+    /// The text ends inside an object.
+    #[error("the file ends at line {line} before '{expected}': it is truncated; export it again")]
+    Ends {
+        /// The last line, from 1.
+        line: usize,
+        /// What should follow.
+        expected: &'static str,
+    },
+    /// Data after the last face.
+    #[error("{found} bytes follow the last face: header and data disagree; export the file again")]
+    Trailing {
+        /// Bytes found.
+        found: usize,
+    },
+    /// A face that is divided into triangles in several ways that differ.
+    #[error(
+        "line {line}: the face of {corners} corners is not plane and convex; export the mesh with triangles alone"
+    )]
+    NotConvex {
+        /// Line, or number of the face in a binary file, from 1.
+        line: usize,
+        /// Its corners.
+        corners: usize,
+    },
+    /// Two statements of the unit that differ.
+    #[error("the file states two units, {first} and {second}; correct its comments")]
+    TwoUnits {
+        /// The first.
+        first: &'static str,
+        /// The other.
+        second: &'static str,
+    },
+    /// A mesh without triangles.
+    #[error("the file has no triangle: it holds points or curves alone; export the panel's body as a mesh")]
+    Empty,
+    /// Too many triangles.
+    #[error(
+        "the file has {found} triangles (limit {MAX_TRIANGLES}); export it with a larger deviation, 0.01 mm suffices"
+    )]
+    TooMany {
+        /// Triangles found.
+        found: u64,
+    },
+    /// A PLY header.
+    #[error(transparent)]
+    Ply(#[from] CloudFileError),
+}

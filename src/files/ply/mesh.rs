@@ -1,0 +1,214 @@
+//! The mesh of a PLY file: `vertex` with float or double `x y z`, and `face` with a list of vertex indices as its
+//! only list; other properties and elements are not used. `ascii` or `binary_little_endian`.
+
+use super::super::mesh_error::{MAX_TRIANGLES, MeshFileError};
+use super::header::{Header, LaterElement, Number};
+use crate::geometry::{LengthUnit, TriangleMesh};
+use nalgebra::{Point3, Vector3};
+
+/// A face with more corners is no face of a mesh.
+const MAX_CORNERS: usize = 64;
+/// The smallest cosine between the normals of a face's triangles: beyond it the face is not plane, or not convex.
+const MIN_COS: f64 = 0.9;
+
+/// Divides a face into triangles from its first corner; `None` if it has too few or too many corners, or is not
+/// plane and convex, so that another division would be another surface.
+pub(in crate::files) fn divided(vertices: &[[f64; 3]], corners: &[u32]) -> Option<Vec<[u32; 3]>> {
+    if !(3..=MAX_CORNERS).contains(&corners.len()) {
+        return None;
+    }
+    let triangles: Vec<[u32; 3]> = corners.windows(2).skip(1).map(|pair| [corners[0], pair[0], pair[1]]).collect();
+    if corners.len() > 3 {
+        let at = |corner: u32| Point3::from(vertices[corner as usize]);
+        let normals: Vec<Vector3<f64>> = triangles
+            .iter()
+            .map(|&[a, b, c]| (at(b) - at(a)).cross(&(at(c) - at(a))))
+            .filter(|normal| normal.norm() > 0.0)
+            .collect();
+        let sum: Vector3<f64> = normals.iter().sum();
+        if normals.iter().any(|normal| normal.dot(&sum) < MIN_COS * normal.norm() * sum.norm()) {
+            return None;
+        }
+    }
+    Some(triangles)
+}
+
+/// One property of a face.
+enum FaceProperty {
+    /// The list of vertices, with the kinds of its count and its items.
+    Corners(Number, Number),
+    /// A number that is not used.
+    Other(Number),
+}
+
+/// Reads the mesh of a PLY file.
+pub(in crate::files) fn read_ply_mesh(bytes: &[u8]) -> Result<TriangleMesh, MeshFileError> {
+    let header = Header::parse(bytes)?;
+    let vertices = header.checked_points()?;
+    let places = header.point_places()?;
+    let line = header.lines;
+    let mut mesh = TriangleMesh::default();
+    for comment in &header.comments {
+        let unit = LengthUnit::stated_in(comment);
+        if let (Some(first), Some(second)) = (mesh.unit, unit)
+            && first != second
+        {
+            return Err(MeshFileError::TwoUnits { first: first.word(), second: second.word() });
+        }
+        mesh.unit = mesh.unit.or(unit);
+    }
+    let Some(element) = header.later.first() else { return Err(MeshFileError::Empty) };
+    if element.name != "face" {
+        let problem = format!("the second element is {}, 'face' is needed", element.name);
+        return Err(MeshFileError::Line { line, problem });
+    }
+    if element.count > MAX_TRIANGLES as u64 {
+        return Err(MeshFileError::TooMany { found: element.count });
+    }
+    let properties = face_properties(element).map_err(|problem| MeshFileError::Line { line, problem })?;
+    let mut source = match header.is_text {
+        true => Source::Text { rest: &bytes[header.bytes..], line },
+        false => Source::Binary { rest: &bytes[header.bytes..] },
+    };
+    for index in 0..vertices {
+        let mut values = source.record("vertex", index)?;
+        let mut point = [f64::NAN; 3];
+        for (property, (_, number)) in header.properties.iter().enumerate() {
+            let value = values.next(*number)?;
+            if let Some(axis) = places.iter().position(|place| place.word == property) {
+                point[axis] = value;
+            }
+        }
+        values.end()?;
+        if !point.iter().all(|number| number.is_finite()) {
+            return Err(values.wrong("a coordinate is infinite or no number"));
+        }
+        mesh.vertices.push(point);
+    }
+    let mut corners = Vec::new();
+    for index in 0..element.count as usize {
+        let mut values = source.record("face", index)?;
+        corners.clear();
+        for property in &properties {
+            match *property {
+                FaceProperty::Other(number) => _ = values.next(number)?,
+                FaceProperty::Corners(count, item) => {
+                    let count = values.next(count)?;
+                    if !(3.0..=MAX_CORNERS as f64).contains(&count) {
+                        return Err(values.wrong(&format!("a face of {count} corners; valid: 3 to {MAX_CORNERS}")));
+                    }
+                    for _ in 0..count as usize {
+                        let corner = values.next(item)?;
+                        if !(0.0..vertices as f64).contains(&corner) {
+                            return Err(values.wrong(&format!("vertex {corner} of {vertices} does not exist")));
+                        }
+                        corners.push(corner as u32);
+                    }
+                }
+            }
+        }
+        values.end()?;
+        let not_convex = MeshFileError::NotConvex { line: values.number, corners: corners.len() };
+        mesh.triangles.extend(divided(&mesh.vertices, &corners).ok_or(not_convex)?);
+        if mesh.triangles.len() > MAX_TRIANGLES {
+            return Err(MeshFileError::TooMany { found: mesh.triangles.len() as u64 });
+        }
+    }
+    if header.later.len() == 1 {
+        source.end()?;
+    }
+    Ok(mesh)
+}
+
+fn face_properties(element: &LaterElement) -> Result<Vec<FaceProperty>, String> {
+    let number = |word: &str| Number::named(word).ok_or_else(|| format!("'{word}' is no type of a number"));
+    let property = |words: &Vec<String>| match words.iter().map(String::as_str).collect::<Vec<_>>()[..] {
+        ["list", count, item, "vertex_indices" | "vertex_index"] => {
+            Ok(FaceProperty::Corners(number(count)?, number(item)?))
+        }
+        ["list", _, _, name] => {
+            Err(format!("the list '{name}' of the faces is not read; export the mesh without it"))
+        }
+        [kind, _] => Ok(FaceProperty::Other(number(kind)?)),
+        _ => Err("a property of the faces is not readable".to_owned()),
+    };
+    let properties = element.properties.iter().map(property).collect::<Result<Vec<_>, _>>()?;
+    let lists = properties.iter().filter(|property| matches!(property, FaceProperty::Corners(..))).count();
+    if lists == 1 { Ok(properties) } else { Err("the faces need one list, vertex_indices".to_owned()) }
+}
+
+/// The data after the header.
+enum Source<'a> {
+    Text { rest: &'a [u8], line: usize },
+    Binary { rest: &'a [u8] },
+}
+
+/// The values of one record, vertex or face.
+struct Values<'a, 'b> {
+    words: Option<std::str::SplitAsciiWhitespace<'a>>,
+    rest: Option<&'b mut &'a [u8]>,
+    what: &'static str,
+    /// The line of a text; the number of the record in a binary file, from 1.
+    number: usize,
+}
+
+impl<'a> Source<'a> {
+    fn record(&mut self, what: &'static str, index: usize) -> Result<Values<'a, '_>, MeshFileError> {
+        match self {
+            Source::Binary { rest } => Ok(Values { words: None, rest: Some(rest), what, number: index + 1 }),
+            Source::Text { rest, line } => {
+                *line += 1;
+                let Some(end) = rest.iter().position(|&byte| byte == b'\n') else {
+                    return Err(MeshFileError::Ends { line: *line, expected: "the last line's end" });
+                };
+                let (text, after) = rest.split_at(end + 1);
+                *rest = after;
+                let problem = "this is no text".to_owned();
+                let text = std::str::from_utf8(text).map_err(|_| MeshFileError::Line { line: *line, problem })?;
+                Ok(Values { words: Some(text.split_ascii_whitespace()), rest: None, what, number: *line })
+            }
+        }
+    }
+
+    /// Checks that nothing follows the last record.
+    fn end(&self) -> Result<(), MeshFileError> {
+        let (Source::Text { rest, .. } | Source::Binary { rest }) = self;
+        match rest.iter().all(u8::is_ascii_whitespace) {
+            true => Ok(()),
+            false => Err(MeshFileError::Trailing { found: rest.len() }),
+        }
+    }
+}
+
+impl Values<'_, '_> {
+    fn next(&mut self, number: Number) -> Result<f64, MeshFileError> {
+        if let Some(words) = &mut self.words {
+            let word = words.next().and_then(|word| word.parse::<f64>().ok());
+            return word.ok_or_else(|| self.wrong("a number is missing or not readable"));
+        }
+        let bytes = self.rest.as_mut().and_then(|rest| {
+            let (value, after) = rest.split_at_checked(number.bytes())?;
+            **rest = after;
+            Some(value)
+        });
+        bytes.map(|bytes| number.value(bytes)).ok_or_else(|| self.wrong("the file ends here: it is truncated"))
+    }
+
+    /// Checks that the line has no further number.
+    fn end(&mut self) -> Result<(), MeshFileError> {
+        match self.words.as_mut().and_then(Iterator::next) {
+            None => Ok(()),
+            Some(_) => Err(self.wrong("more numbers than the header states")),
+        }
+    }
+
+    fn wrong(&self, problem: &str) -> MeshFileError {
+        match self.words {
+            Some(_) => MeshFileError::Line { line: self.number, problem: problem.to_owned() },
+            None => {
+                let (what, number) = (self.what, self.number);
+                MeshFileError::Record { what, number, problem: problem.to_owned() }
+            }
+        }
+    }
+}

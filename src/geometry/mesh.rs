@@ -1,0 +1,134 @@
+//! A triangle mesh as a file states it: vertices without a frame's unit, triangles, and the objects that they form.
+//!
+//! A drawing's file may state no unit, so the numbers are lengths only together with a [`LengthUnit`].
+
+/// The unit of a drawing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LengthUnit {
+    /// Millimetres.
+    Millimetre,
+    /// Inches of 25.4 mm.
+    Inch,
+    /// Metres.
+    Metre,
+}
+
+impl LengthUnit {
+    /// All units, with the words by which options and files name them; the first word is the short one.
+    pub const ALL: [(LengthUnit, &'static [&'static str]); 3] = [
+        (LengthUnit::Millimetre, &["mm", "millimeter", "millimeters", "millimetre", "millimetres"]),
+        (LengthUnit::Inch, &["in", "inch", "inches"]),
+        (LengthUnit::Metre, &["m", "meter", "meters", "metre", "metres"]),
+    ];
+
+    /// Returns the unit with this name; upper and lower case are alike.
+    pub fn named(name: &str) -> Option<Self> {
+        let is_named = |names: &[&str]| names.iter().any(|known| known.eq_ignore_ascii_case(name));
+        LengthUnit::ALL.into_iter().find(|(_, names)| is_named(names)).map(|(unit, _)| unit)
+    }
+
+    /// Returns the unit that a comment states, as in "units: mm" or "unit = inches"; `None` if it states none.
+    pub fn stated_in(comment: &str) -> Option<Self> {
+        let mut words = comment.split(|c: char| !c.is_ascii_alphabetic()).filter(|word| !word.is_empty());
+        words.find(|word| word.eq_ignore_ascii_case("unit") || word.eq_ignore_ascii_case("units"))?;
+        words.next().and_then(LengthUnit::named)
+    }
+
+    /// The length of one unit, mm.
+    pub fn mm(self) -> f64 {
+        match self {
+            LengthUnit::Millimetre => 1.0,
+            LengthUnit::Inch => 25.4,
+            LengthUnit::Metre => 1_000.0,
+        }
+    }
+
+    /// The short word.
+    pub fn word(self) -> &'static str {
+        match self {
+            LengthUnit::Millimetre => "mm",
+            LengthUnit::Inch => "in",
+            LengthUnit::Metre => "m",
+        }
+    }
+}
+
+/// An object of a file: the triangles from its first one to that of the next object.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct MeshObject {
+    /// Its name; empty if the file names none.
+    pub name: String,
+    /// The index of its first triangle.
+    pub first_triangle: usize,
+}
+
+/// A mesh as its file states it.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct TriangleMesh {
+    /// The vertices, in the file's unit and frame; all numbers are finite.
+    pub vertices: Vec<[f64; 3]>,
+    /// The indices of three vertices each.
+    pub triangles: Vec<[u32; 3]>,
+    /// The objects in the order of the file.
+    pub objects: Vec<MeshObject>,
+    /// The unit, if the file states one.
+    pub unit: Option<LengthUnit>,
+}
+
+impl TriangleMesh {
+    /// Begins a further object at the next triangle. An object without triangles is forgotten.
+    pub fn begin_object(&mut self, name: &str) {
+        let first_triangle = self.triangles.len();
+        if self.objects.last().is_some_and(|last| last.first_triangle == first_triangle) {
+            self.objects.pop();
+        }
+        self.objects.push(MeshObject { name: name.to_owned(), first_triangle });
+    }
+
+    /// Returns each object's name with its triangles; triangles before the first object belong to an object
+    /// without a name.
+    pub fn each_object(&self) -> impl Iterator<Item = (&str, &[[u32; 3]])> + '_ {
+        let first = self.objects.first().map_or(self.triangles.len(), |object| object.first_triangle);
+        let before = (first > 0).then(|| ("", &self.triangles[..first]));
+        let ends = self.objects.iter().skip(1).map(|next| next.first_triangle).chain([self.triangles.len()]);
+        let named = self
+            .objects
+            .iter()
+            .zip(ends)
+            .map(|(object, end)| (object.name.as_str(), &self.triangles[object.first_triangle..end]))
+            .filter(|(_, triangles)| !triangles.is_empty());
+        before.into_iter().chain(named)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Three triangles: the first before any object, an object without triangles, then two objects.
+    #[test]
+    fn objects_divide_the_triangles() {
+        let mut mesh = TriangleMesh { triangles: vec![[0, 1, 2]], ..TriangleMesh::default() };
+        mesh.begin_object("empty");
+        mesh.begin_object("skin");
+        mesh.triangles.push([1, 2, 3]);
+        mesh.begin_object("rib");
+        mesh.triangles.push([2, 3, 4]);
+        mesh.begin_object("end");
+        let objects: Vec<_> = mesh.each_object().collect();
+        assert_eq!(objects, [("", &[[0, 1, 2]][..]), ("skin", &[[1, 2, 3]][..]), ("rib", &[[2, 3, 4]][..])]);
+    }
+
+    #[test]
+    fn units_have_names() {
+        assert_eq!(LengthUnit::named("Inches"), Some(LengthUnit::Inch));
+        assert_eq!(LengthUnit::named("ft"), None);
+        assert_eq!(LengthUnit::stated_in("made by x, UNITS=mm"), Some(LengthUnit::Millimetre));
+        assert_eq!(LengthUnit::stated_in("unit: metres"), Some(LengthUnit::Metre));
+        assert_eq!(
+            ["unit 1", "mm", "units of measure: mm", "community inch"].map(LengthUnit::stated_in),
+            [None; 4]
+        );
+        assert_eq!(LengthUnit::ALL.map(|(unit, names)| names[0] == unit.word()), [true; 3]);
+    }
+}

@@ -1,0 +1,152 @@
+//! `[nominal]`: the panel is taught from its drawing. The table states where the drawing's frame lies at the panel's
+//! nominal place, by a pose or by datum points.
+
+use crate::config::Section;
+use crate::geometry::{Base, Drawing, KukaPose, Point, Rigid, nearest_motion};
+use crate::number_text::fixed;
+
+/// Number of datum points.
+const DATUMS: std::ops::RangeInclusive<usize> = 3..=20;
+/// Smallest distance of a datum point from the line through two others, mm: nearer points determine no rotation.
+const MIN_SPREAD_MM: f64 = 20.0;
+/// Largest distance of a datum point from its place after the fit, mm.
+const MAX_RESIDUAL_MM: f64 = 1.0;
+/// Limits of the coordinates, mm: an aircraft's frame has its origin far from the panel.
+const REACH_MM: f64 = 100_000.0;
+
+/// `[nominal]`: where the drawing lies.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Nominal {
+    base_from_drawing: Rigid<Base, Drawing>,
+    residual_mm: Option<f64>,
+    region_mm: Option<[[f64; 3]; 4]>,
+}
+
+impl Nominal {
+    /// The drawing's frame in the robot's base, with the panel at its nominal place.
+    pub fn base_from_drawing(&self) -> Rigid<Base, Drawing> {
+        self.base_from_drawing
+    }
+
+    /// The four corners of the region in the drawing's frame, mm; `None` if the region is drawn on a picture.
+    /// Teaching sets `[region] corners_px` from them.
+    pub fn region_mm(&self) -> Option<[Point<Drawing>; 4]> {
+        self.region_mm.map(|corners| corners.map(|corner| Point::new(corner.into())))
+    }
+
+    /// The largest distance of a datum point from its place in the drawing, mm; `None` if the recipe states the
+    /// pose.
+    pub fn residual_mm(&self) -> Option<f64> {
+        self.residual_mm
+    }
+}
+
+/// Returns `Some(None)` if the table is absent.
+pub(in crate::recipe) fn parse_nominal(section: &Section<'_, '_>) -> Option<Option<Nominal>> {
+    if !section.is_present() {
+        return Some(None);
+    }
+    let pose = section.section("base_from_drawing");
+    let limits = || -REACH_MM..=REACH_MM;
+    let points = |key| section.parse::<Vec<[f64; 3]>>(key, limits(), Some(Vec::new()));
+    let (drawn, measured) = (points("datums_drawing_mm"), points("datums_base_mm"));
+    let region_mm = section.parse::<Option<[[f64; 3]; 4]>>("region_mm", limits(), Some(None));
+    let (is_pose, pose) = (pose.is_present(), parse_pose(&pose));
+    section.done();
+    let (drawn, measured, region_mm) = (drawn?, measured?, region_mm?);
+    let nominal = |(base_from_drawing, residual_mm)| Nominal { base_from_drawing, residual_mm, region_mm };
+    match (is_pose, drawn.is_empty() && measured.is_empty()) {
+        (true, true) => Some(Some(nominal((pose?.to_rigid(), None)))),
+        (false, false) => fitted(section, &drawn, &measured).map(|(place, mm)| Some(nominal((place, Some(mm))))),
+        (true, false) => {
+            section.problem("base_from_drawing", "the pose and datum points are stated; leave one of them out");
+            None
+        }
+        (false, true) => {
+            section.problem(
+                "base_from_drawing",
+                "is missing: state where the drawing's frame lies in the robot's base (x_mm … c_deg), or three points on the panel by \
+                 datums_drawing_mm and datums_base_mm",
+            );
+            None
+        }
+    }
+}
+
+fn parse_pose(section: &Section<'_, '_>) -> Option<KukaPose> {
+    if !section.is_present() {
+        return None;
+    }
+    let number = |key, limit: f64| section.parse::<f64>(key, -limit..=limit, None);
+    let [x_mm, y_mm, z_mm] = ["x_mm", "y_mm", "z_mm"].map(|key| number(key, REACH_MM));
+    let [a_deg, b_deg, c_deg] = ["a_deg", "b_deg", "c_deg"].map(|key| number(key, 360.0));
+    section.done();
+    Some(KukaPose { x_mm: x_mm?, y_mm: y_mm?, z_mm: z_mm?, a_deg: a_deg?, b_deg: b_deg?, c_deg: c_deg? })
+}
+
+/// Fits the drawing's frame to datum points, and returns the largest distance of a point from its place; the problem
+/// is noted if they do not determine it.
+fn fitted(
+    section: &Section<'_, '_>,
+    drawn: &[[f64; 3]],
+    measured: &[[f64; 3]],
+) -> Option<(Rigid<Base, Drawing>, f64)> {
+    if drawn.len() != measured.len() || !DATUMS.contains(&drawn.len()) {
+        let (low, high) = (DATUMS.start(), DATUMS.end());
+        let found = format!(
+            "found {} points, and {} in datums_drawing_mm; valid: the same {low} to {high} points in both, in the same order",
+            measured.len(),
+            drawn.len()
+        );
+        section.problem("datums_base_mm", found);
+        return None;
+    }
+    for (key, points) in [("datums_drawing_mm", drawn), ("datums_base_mm", measured)] {
+        let spread_mm = spread_mm(points);
+        if spread_mm < MIN_SPREAD_MM {
+            let [spread, needed] = [spread_mm, MIN_SPREAD_MM].map(|mm| fixed(mm, 1));
+            section.problem(
+                key,
+                format!(
+                    "the points lie within {spread} mm of a line (needed {needed} mm); choose points far apart, not on one line"
+                ),
+            );
+            return None;
+        }
+    }
+    let pairs: Vec<(Point<Drawing>, Point<Base>)> = drawn
+        .iter()
+        .zip(measured)
+        .map(|(drawn, measured)| (Point::new((*drawn).into()), Point::new((*measured).into())))
+        .collect();
+    let Some(base_from_drawing) = nearest_motion(&pairs) else {
+        section
+            .problem("datums_base_mm", "the points determine no place; choose points far apart, not on one line");
+        return None;
+    };
+    let residuals = pairs.iter().map(|(drawn, measured)| (base_from_drawing * *drawn).distance_mm(*measured));
+    let (worst, residual_mm) = residuals
+        .enumerate()
+        .fold((0, 0.0), |worst, (index, mm)| if mm > worst.1 { (index + 1, mm) } else { worst });
+    if residual_mm > MAX_RESIDUAL_MM {
+        let [found, limit] = crate::number_text::apart(residual_mm, MAX_RESIDUAL_MM, 2);
+        section.problem(
+            "datums_base_mm",
+            format!(
+                "point {worst} lies {found} mm from its place in the drawing (limit {limit} mm): check the order of the points, the \
+                 drawing's unit (mm here), and measure again"
+            ),
+        );
+        return None;
+    }
+    Some((base_from_drawing, residual_mm))
+}
+
+/// Returns how far the farthest point lies from the line through the two points that are farthest apart, mm.
+fn spread_mm(points: &[[f64; 3]]) -> f64 {
+    let points: Vec<nalgebra::Point3<f64>> = points.iter().map(|point| (*point).into()).collect();
+    let pairs = points.iter().flat_map(|a| points.iter().map(move |b| (*a, b - a)));
+    let Some((from, along)) = pairs.max_by(|a, b| a.1.norm().total_cmp(&b.1.norm())) else { return 0.0 };
+    let Some(along) = along.try_normalize(1e-9) else { return 0.0 };
+    points.iter().map(|point| (point - from).cross(&along).norm()).fold(0.0, f64::max)
+}
