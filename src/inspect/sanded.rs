@@ -3,9 +3,9 @@
 //! Such a place is compared with its own wet look while the film is watched. A bare place keeps its look, too, so
 //! it needs separate evidence that it was wet when the film began. The evidence is that water moves: places beside
 //! each other then differ over time by more than the sensor's noise ([`Shimmer`]). A place was wet if the places
-//! near it that look alike shimmer. They are searched in squares that grow until there are enough of them. A bare
-//! place does not look like the film around it, and it is still. If drops run over a part of it, most of it is
-//! still.
+//! near it that look alike shimmer. They are searched in squares that grow until there are enough of them, and the
+//! nearest ones must shimmer themselves. A bare place does not look like the film around it, and it is still. If
+//! drops run over a part of it, most of it is still.
 //!
 //! Water that runs over a bare place moves as a film does. So a place that is narrower than any disc, and differs
 //! from the looks around it as a break differs from its film, has no evidence either: it was made by a break and
@@ -17,7 +17,7 @@
 use super::footprint::Window;
 use super::model::{DIFFERENCES, Model, Shimmer};
 use super::narrow_spots::Looks;
-use crate::geometry::median;
+use crate::geometry::{AROUND, BESIDE, median};
 use crate::imaging::{ImagingError, named};
 use opencv::core::{self, Mat, MatTraitConstManual, Point, Scalar};
 use opencv::imgproc;
@@ -43,11 +43,18 @@ const MIN_SITES: f64 = 6.0;
 const RADII: [usize; 4] = [2, 4, 8, 16];
 /// The number of radii, from the smallest, that show only the nearest places.
 const NEAREST: usize = 2;
+/// The larger of these squares must itself show movement by at least this many standard deviations. Farther places
+/// confirm it, but places that look alike and move elsewhere are no evidence for a place that is still.
+const NEAR_SIGMA: f64 = 3.0;
 /// Places look alike if their looks differ by at most this many times the noise of one pixel, or by a quarter of
 /// the change that a break causes.
 const ALIKE_SIGMA: f64 = 3.0;
 /// The shape of the smallest break that is surely found, 12 px.
 const SURE_BREAK: [[u8; 4]; 4] = [[0, 1, 1, 0], [1, 1, 1, 1], [1, 1, 1, 1], [0, 1, 1, 0]];
+
+/// A bead of water on the smallest break covers at most a quarter of the break, px. A larger enclosed place may be a
+/// film with an edge around it.
+const MAX_BEAD_PX: usize = 3;
 
 /// The data about the sanded places.
 pub struct Sanded<'a> {
@@ -59,6 +66,8 @@ pub struct Sanded<'a> {
     pub broke_s: &'a [f32],
     /// The smallest radius of a disc, px.
     pub disc_px: usize,
+    /// The smallest break that makes a grid fail, px.
+    pub break_px: usize,
     /// The least and the largest look of a break, as a share of its film's look; `None` if the range is not known.
     pub break_to_film: Option<[f32; 2]>,
 }
@@ -135,12 +144,38 @@ impl Sanded<'_> {
         let tolerance = self.model.away_share() as f32;
         let looks = Looks { window: self.window, levels: self.looks(), disc_px: self.disc_px, tolerance };
         let is_narrow = named("looking for places narrower than a disc", looks.narrow(self.break_to_film))?;
+        let is_narrow = self.with_beads(is_narrow);
         let is_without = |i: usize| {
             let is_whole = self.inside[i] && self.model.is_without_dry(i) && self.broke_s[i].is_infinite();
             is_whole && (is_narrow[i] || !has_evidence(i))
         };
         let without: Vec<bool> = (0..self.inside.len()).into_par_iter().map(is_without).collect();
-        self.wide(&without)
+        Ok(self.with_rims(self.wide(&without)?))
+    }
+
+    /// Adds the beads within narrow places to them.
+    fn with_beads(&self, mut is_narrow: Vec<bool>) -> Vec<bool> {
+        let raster = self.window.raster();
+        let is_at_rim = |i: usize| raster.neighbours(i, &BESIDE).count() < BESIDE.len();
+        for piece in raster.pieces(&BESIDE, |i| !is_narrow[i]) {
+            if piece.len() <= MAX_BEAD_PX && !piece.iter().any(|&i| is_at_rim(i)) {
+                piece.iter().for_each(|&i| is_narrow[i] = true);
+            }
+        }
+        is_narrow
+    }
+
+    /// Adds the rims of places that are as large as a break: a pixel there shows film as well, and may look like
+    /// the film around it.
+    fn with_rims(&self, mut without: Vec<bool>) -> Vec<bool> {
+        let raster = self.window.raster();
+        let is_whole = |i: usize| self.inside[i] && self.model.is_without_dry(i) && self.broke_s[i].is_infinite();
+        for piece in raster.pieces(&AROUND, |i| without[i]).into_iter().filter(|piece| piece.len() >= self.break_px)
+        {
+            let rim = piece.into_iter().flat_map(|i| raster.neighbours(i, &AROUND)).filter(|&i| is_whole(i));
+            rim.for_each(|i| without[i] = true);
+        }
+        without
     }
 
     /// Returns the pixels without evidence that lie in a place wide enough for the smallest break that is surely
@@ -263,6 +298,9 @@ impl Lattice<'_> {
             if nth < NEAREST && ratio + STILL_SIGMA * deviation < MIN_SHIMMER {
                 return None;
             }
+            if nth + 1 == NEAREST && ratio < 1.0 + NEAR_SIGMA * deviation {
+                return None;
+            }
         }
         None
     }
@@ -337,10 +375,9 @@ mod tests {
         (bytes[..4].iter().map(|byte| f64::from(*byte)).sum::<f64>() - 510.0) / 147.8
     }
 
-    /// The whole window was sanded. On its left half water of ±`film` levels moves from place to place and from
-    /// second to second. Its right half is as bright as a break in that film and shows only the sensor's noise.
-    /// `also` adds levels to a place of the window in a picture.
-    fn without_evidence(film: f64, also: impl Fn(usize, usize, f64) -> f64) -> [usize; 2] {
+    /// The whole window was sanded. Each pixel has a level, and water of ± some levels moves on it from place to
+    /// place and from second to second. `also` adds levels to a place of the window in a picture.
+    fn found(shown: impl Fn(usize, usize) -> (f64, f64), also: impl Fn(usize, usize, f64) -> f64) -> Vec<bool> {
         let terms = Terms { channel_weights: [1.0; 3], persist_s: 0.6, damp: 0.8 };
         let inside = [true; 64 * 64];
         let mut model = Model::new(WINDOW, &inside, &inside, terms);
@@ -348,9 +385,9 @@ mod tests {
             let level = |index: usize| {
                 let (column, row) = (index % SIDE, index / SIDE);
                 let on_panel = [column, row].iter().all(|at| (32..96).contains(at));
-                let water = if column < 64 { film * noise(900 + (time_s / 2.0) as usize, index / 2) } else { 0.0 };
+                let (level, film) = if on_panel { shown(column - 32, row - 32) } else { (70.0, 0.0) };
+                let water = film * noise(900 + (time_s / 2.0) as usize, index / 2);
                 let own = if on_panel { water + also(column - 32, row - 32, time_s) } else { 0.0 };
-                let level = if on_panel && column >= 64 { 100.0 } else { 70.0 };
                 [0, 1, 2].map(|channel| (level + own + 1.2 * noise(number, 3 * index + channel)).round() as u8)
             };
             ColorPicture { width: SIDE, height: SIDE, rgb: (0..SIDE * SIDE).map(level).collect() }
@@ -370,20 +407,82 @@ mod tests {
             inside: &inside,
             broke_s: &broke_s,
             disc_px: 12,
+            break_px: 12,
             break_to_film: Some([1.25, 2.0]),
         };
-        let found = sanded.without_evidence().expect("a mask");
+        sanded.without_evidence().expect("a mask")
+    }
+
+    /// On the left half of the window water of ±`film` levels moves. Its right half is as bright as a break in that
+    /// film and shows only the sensor's noise.
+    fn without_evidence(film: f64, also: impl Fn(usize, usize, f64) -> f64) -> [usize; 2] {
+        let found = found(|column, _| if column < 32 { (70.0, film) } else { (100.0, 0.0) }, also);
         let (left, right): (Vec<usize>, Vec<usize>) =
             (0..64 * 64).filter(|i| found[*i]).partition(|i| *i % 64 < 32);
         [left.len(), right.len()]
     }
 
+    /// Returns the number of pixels without evidence, if a place of the window shows this and all others a film of
+    /// 70 ± 2 levels.
+    fn without_evidence_of(place: impl Fn(usize, usize) -> Option<(f64, f64)>) -> usize {
+        let found = found(|column, row| place(column, row).unwrap_or((70.0, 2.0)), |_, _, _| 0.0);
+        found.iter().filter(|found| **found).count()
+    }
+
+    /// Returns whether a place lies in the square with these first and last rows and columns.
+    fn is_square(column: usize, row: usize, at: std::ops::Range<usize>) -> bool {
+        at.contains(&column) && at.contains(&row)
+    }
+
+    /// By hand: a still square of 12 px has 9 sites. Its shimmer, 1 ± √(6/112) = 1 ± 0.23, is not surely below 1.35,
+    /// nor surely below that of the film. More than 100 sites of its look move 16 px away, and are no evidence for it.
+    /// It is 1.17 times as bright as its film, so that it is not narrow, and farther from it than half of the change
+    /// by a break, 0.145.
+    #[test]
+    fn water_elsewhere_is_no_evidence_for_a_still_place() {
+        const WATER: f64 = 0.67;
+        let without = |moves: f64| {
+            let shown = |column: usize, row: usize| match () {
+                () if is_square(column, row, 24..36) => (82.0, moves),
+                () if is_square(column, row, 8..52) => (70.0, WATER),
+                () => (82.0, WATER),
+            };
+            found(shown, |_, _, _| 0.0).iter().filter(|found| **found).count()
+        };
+        let [still, moving] = [0.0, WATER].map(without);
+        assert!((130..260).contains(&still) && moving < 50, "{still} {moving}");
+    }
+
+    /// By hand: of a still square of 5 × 5 px with a bead of film in its middle no part is wide enough for the
+    /// smallest break. All of it counts except its four corners, with a rim of 20 px: 25 − 4 + 20.
+    #[test]
+    fn a_bead_hides_no_narrow_place() {
+        let found = without_evidence_of(|column, row| {
+            let is_bead = (column, row) == (32, 32);
+            (is_square(column, row, 30..35) && !is_bead).then_some((100.0, 0.0))
+        });
+        assert!((25..=49).contains(&found), "{found}");
+    }
+
+    /// By hand: a still square of 8 × 8 px has a rim of 36 px that looks nearly like its film and moves like it. The
+    /// smallest break does not reach into the square's corners, so that the corners of the rim do not count.
+    #[test]
+    fn the_rim_of_a_still_place_is_part_of_it() {
+        let found = without_evidence_of(|column, row| match () {
+            () if is_square(column, row, 28..36) => Some((100.0, 0.0)),
+            () if is_square(column, row, 27..37) => Some((75.0, 2.0)),
+            () => None,
+        });
+        assert_eq!(found, 96);
+    }
+
     /// By hand: each half has 2,048 px. Water of 2 levels is 1.7 times the noise of one channel, and 2.9 times the
-    /// noise of the mean of three channels.
+    /// noise of the mean of three channels. The
+    /// still half has a rim of 64 px on the other half.
     #[test]
     fn water_that_moves_is_evidence_and_a_still_place_is_none() {
         let [left, right] = without_evidence(2.0, |_, _, _| 0.0);
-        assert!(left < 40 && right > 2_000, "{left} {right}");
+        assert!(left < 64 + 40 && right > 2_000, "{left} {right}");
         let [left, right] = without_evidence(0.0, |_, _, _| 0.0);
         assert!(left > 2_000 && right > 2_000, "{left} {right}");
     }
