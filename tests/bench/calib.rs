@@ -1,8 +1,10 @@
 //! Calibration against the renderer's ground truth: the sweeps. `cargo bench --bench calib -- [SEEDS [RENDERED]]`
-//! shortens the statistics from 200 seeds and the rendered sweeps from 20.
+//! shortens the statistics from 200 seeds and the rendered sweeps from 20; `-- uncalibrated` runs the arms alone.
 
 #[path = "../boards.rs"]
 mod boards;
+#[path = "calib/uncalibrated.rs"]
+mod uncalibrated;
 
 use boards::{BAD_ROBOT, Error, FAULTS, GOOD_ROBOT, Lens, POSES, Side};
 use panelprep::cell::{FlangeCameraMount, ScannerMount};
@@ -17,6 +19,9 @@ const RENDERED_LENSES: u64 = 8;
 const LIMIT_SEEDS: usize = 20;
 
 fn main() -> ExitCode {
+    if std::env::args().any(|argument| argument == "uncalibrated") {
+        return finished(uncalibrated::arms());
+    }
     let mut numbers = std::env::args().skip(1).filter_map(|argument| argument.parse::<u64>().ok());
     let seeds = numbers.next().unwrap_or(200);
     let few = numbers.next().unwrap_or(seeds.div_ceil(10));
@@ -36,6 +41,11 @@ fn main() -> ExitCode {
     missed += lenses::<ScannerMount>(pictures, "rendered pictures", boards::rendered::<ScannerMount>);
     missed += lenses::<FlangeCameraMount>(pictures, "rendered pictures", boards::rendered::<FlangeCameraMount>);
     missed += rendered::<ScannerMount>(few) + rendered::<FlangeCameraMount>(few);
+    missed += uncalibrated::arms();
+    finished(missed)
+}
+
+fn finished(missed: usize) -> ExitCode {
     println!("{missed} floors were missed");
     if missed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
