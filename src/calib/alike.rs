@@ -25,8 +25,8 @@ const LEVER_MM: f64 = 300.0;
 const OWN_SHARE: f64 = 0.1;
 /// The lengths L that are tried, mm.
 const LENGTHS_MM: [f64; 7] = [30.0, 60.0, 100.0, 150.0, 220.0, 320.0, 450.0];
-/// Smallest gain of the logarithm of the likelihood that shows a correlation. Independent errors reach it in less
-/// than one of a hundred calibrations.
+/// Smallest gain of the logarithm of the likelihood that shows a correlation. Independent errors reach it in about
+/// two of a hundred calibrations, whose bound then is too large.
 const MIN_GAIN: f64 = 2.0;
 /// Deviations of fewer poses show no correlation.
 const MIN_POSES: usize = 6;
@@ -89,7 +89,7 @@ mod tests {
         Rigid::claim(Isometry3::new(place, Vector3::zeros()))
     }
 
-    /// Fifteen poses in a cube of 400 mm with independent errors: in at most two of 100 sets a pose counts for less
+    /// Fifteen poses in a cube of 400 mm with independent errors: in about 2 % of 300 sets a pose counts for less
     /// than one.
     #[test]
     fn independent_errors_stay_independent() {
@@ -102,11 +102,11 @@ mod tests {
             let poses: Vec<_> = (0..15).map(|_| one(&mut random)).collect();
             poses_each(&poses) > 1.0
         };
-        let found = (0..100).filter(|_| one_set()).count();
-        assert!(found <= 2, "{found} of 100");
+        let found = (0..300).filter(|_| one_set()).count();
+        assert!(found <= 12, "{found} of 300");
     }
 
-    /// Five groups of three poses, 10 mm apart in a group and 500 mm between groups, with one error for each group:
+    /// Five groups of three poses, 10 mm apart in a group and 1500 mm between groups, with one error for each group:
     /// three poses count as one, less the own share of each.
     #[test]
     fn groups_of_poses_count_once() {
@@ -115,7 +115,7 @@ mod tests {
         for group in 0..5 {
             let common = Twist::from_fn(|_, _| normal(&mut random));
             for index in 0..3 {
-                let place = Vector3::new(500.0 * f64::from(group), 10.0 * f64::from(index), 0.0);
+                let place = Vector3::new(1_500.0 * f64::from(group), 10.0 * f64::from(index), 0.0);
                 poses.push((pose(place), common + Twist::from_fn(|_, _| 0.3 * normal(&mut random))));
             }
         }

@@ -152,9 +152,13 @@ pub(crate) mod tests {
         force_power: Some(Power { value: 1.02, uncertainty: 0.05 }),
     };
 
-    /// The model of a disc that does not wear.
-    pub(crate) const EVEN_MODEL: Model =
-        Model { decay_per_mm2: 0.0, covariance: Matrix2::new(4e-4, 0.0, 0.0, 0.0), ..MODEL };
+    /// The model of a disc that does not wear, by coupons that follow Preston's law exactly.
+    pub(crate) const EVEN_MODEL: Model = Model {
+        decay_per_mm2: 0.0,
+        covariance: Matrix2::new(4e-4, 0.0, 0.0, 0.0),
+        force_power: Some(Power { value: 1.0, uncertainty: 0.0 }),
+        ..MODEL
+    };
 
     /// Calculated by hand: forces of 15 and 30 N are valid from 15 / 1.5 = 10 N to 45 N, one force of 20 N from
     /// 17.4 N to 23 N.
