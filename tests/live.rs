@@ -62,6 +62,17 @@ fn a_cell_is_calibrated_by_pictures_that_are_taken_now() {
         let (exit, found, told) = answered(folder, &command, "\n");
         assert!(exit < 2 && told.contains("The arm will move by itself"), "{exit} {found} {told}");
         assert!(told.contains("so far:") && found["uncertainty_mm"].as_f64() < Some(0.3), "{found} {told}");
+        // The 3D camera's mount is computed from its own points, of shots that the session took; the pictures of
+        // the same shots are the check.
+        let shots = std::fs::read_dir(folder.join(mount)).expect("a folder").flatten();
+        let has_points = shots.filter(|file| file.path().extension().is_some_and(|ending| ending == "pcd")).count();
+        let apart_mm = found["second"]["apart_mm"].as_f64();
+        assert_eq!(
+            (mount == "eye-to-hand", mount == "eye-to-hand"),
+            (has_points >= 8, apart_mm.is_some()),
+            "{found}"
+        );
+        assert!(apart_mm.is_none_or(|mm| mm < 0.5), "{found}");
         // The cell's file was written with the true mounts.
         let number = |file: &str, key: &str| {
             let text = std::fs::read_to_string(folder.join(file)).expect("written");

@@ -3,10 +3,12 @@
 //! Pose of the board in each picture → closed-form start by consensus → joint adjustment (`adjust`) over the
 //! stations that agree → test of every station against the adjustment without it → report of those that fail
 //! (`suspects`). The result states how far off it may be, in mm at a point of the panel, from the noise that the
-//! residuals show. `gate` judges whether that is good enough.
+//! residuals show. If the residuals of neighbouring poses are alike, several poses count as one (`alike`). `gate`
+//! judges whether that is good enough.
 
 use super::adjust::{self, Adjusted};
-use super::arrangement::Arrangement;
+use super::alike;
+use super::arrangement::{Arrangement, Twist, log};
 use super::board::Board;
 use super::chain::{Factor, Station};
 use super::consensus::{self, MIN_SPREAD_DEG};
@@ -19,7 +21,9 @@ use super::readings;
 use super::square::{self, SquareSize};
 use super::station_diagnosis::{self, Suspect};
 use crate::cell::LensCovariance;
-use crate::geometry::{Board as BoardFrame, Degrees, Frame, KukaPose, PinholeCamera, Point, Rigid, Vector};
+use crate::geometry::{
+    Base, Board as BoardFrame, Degrees, Flange, Frame, KukaPose, PinholeCamera, Point, Rigid, Vector,
+};
 use nalgebra::Matrix3;
 
 /// With fewer stations than this nothing is determined that could be checked.
@@ -64,6 +68,9 @@ pub struct HandEye<A: Arrangement> {
     pub at: Point<A::From>,
     /// Radius that contains the error at that point with 95 % probability, mm.
     pub uncertainty_mm: f64,
+    /// The number of poses that count as one, because the errors of the arm are alike in neighbouring poses; 1 if
+    /// they are independent.
+    pub poses_each: f64,
     /// The lens's part of the stated point's covariance, mm²; zero if the lens is regarded as exact.
     pub lens_mm2: Matrix3<f64>,
     /// How far the point moves when the worst single picture is left out, mm, and its name.
@@ -84,7 +91,12 @@ pub struct HandEye<A: Arrangement> {
 impl<A: Arrangement> HandEye<A> {
     /// Returns the covariance of the stated point, mm².
     pub fn covariance_mm2(&self) -> Matrix3<f64> {
-        self.adjusted.covariance_at(self.at) + self.lens_mm2
+        self.adjusted.covariance_at(self.at) * self.poses_each + self.lens_mm2
+    }
+
+    /// Returns the degrees of freedom with which the covariance is known.
+    pub fn redundancy(&self) -> f64 {
+        redundancy(&self.adjusted, self.poses_each)
     }
 
     /// Returns the same with a lens that is known only to this covariance: the lens adds to the stated uncertainty.
@@ -104,9 +116,10 @@ impl<A: Arrangement> HandEye<A> {
         let unsettled = CalibError::NotSettled { what: "the lens's part of the uncertainty" };
         let added = influence::of_lens(camera, &self.adjusted, &used, lens).ok_or(unsettled)?;
         let lens_mm2 = adjust::covariance_at(&self.adjusted.to_from_camera, &added, self.at);
+        let covariance_mm2 = self.adjusted.covariance_at(self.at) * self.poses_each + lens_mm2;
+        let radius_mm = radius_95(&covariance_mm2, self.redundancy());
         let square = self.square.and_then(|size| size.with_lens(camera, &used, lens));
         let focal = self.focal.and_then(|size| size.with_lens(camera, &used, lens));
-        let radius_mm = radius_95(&(self.adjusted.covariance_at(self.at) + lens_mm2), self.adjusted.redundancy);
         let uncertainty_mm = with_sizes(radius_mm, &self.adjusted, [square.as_ref(), focal.as_ref()], self.at);
         Ok(HandEye { lens_mm2, uncertainty_mm, square, focal, ..self })
     }
@@ -129,7 +142,7 @@ impl<A: Arrangement> HandEye<A> {
     /// Returns whether the stated 95 % region, an ellipsoid about the stated point, contains an error of this size
     /// and direction.
     pub fn region_holds(&self, error: Vector<A::To>) -> bool {
-        let reach = 3.0 * f_quantile(3.0, self.adjusted.redundancy, 0.95);
+        let reach = 3.0 * f_quantile(3.0, self.redundancy(), 0.95);
         let inverse = self.covariance_mm2().try_inverse();
         inverse.is_some_and(|inverse| error.mm.dot(&(inverse * error.mm)) <= reach)
     }
@@ -189,7 +202,9 @@ pub fn hand_eye<A: Arrangement>(
     };
     let residuals = all.residuals(&adjusted, board, &used);
     let middle = at.unwrap_or_else(|| middle_of(board, &poses, &used));
-    let radius_mm = radius_95(&adjusted.covariance_at(middle), adjusted.redundancy);
+    let poses_each = alike::poses_each(&all.deviations(&adjusted, &used));
+    let covariance_mm2 = adjusted.covariance_at(middle) * poses_each;
+    let radius_mm = radius_95(&covariance_mm2, redundancy(&adjusted, poses_each));
     let uncertainty_mm = with_sizes(radius_mm, &adjusted, [size.as_ref(), focal.as_ref()], middle);
     let leave_one_out = all.leave_one_out(&adjusted, &used, middle);
     let over_used = |value: fn(&Residual) -> f64| {
@@ -222,6 +237,7 @@ pub fn hand_eye<A: Arrangement>(
         residuals,
         at: middle,
         uncertainty_mm,
+        poses_each,
         lens_mm2: Matrix3::zeros(),
         leave_one_out,
         suspects,
@@ -229,6 +245,11 @@ pub fn hand_eye<A: Arrangement>(
         focal,
         readings,
     })
+}
+
+/// The degrees of freedom if several poses count as one.
+fn redundancy<A: Arrangement>(adjusted: &Adjusted<A>, poses_each: f64) -> f64 {
+    (adjusted.redundancy / poses_each).max(1.0)
 }
 
 /// Returns the stated radius, with the effect of squares and focal length added if the motions contradict them.
@@ -373,6 +394,20 @@ impl<C: Frame> All<'_, C> {
         let (gone, pull) = influence::information(self.camera, adjusted, &self.stations[index])?;
         let covariance = influence::inverse(&(all - gone))?;
         Some(adjusted.moved(&-(covariance * pull), covariance))
+    }
+
+    /// Returns each used pose with the motion of the flange by which its picture deviates from it.
+    fn deviations<A: Arrangement<From = C>>(
+        &self,
+        adjusted: &Adjusted<A>,
+        used: &[bool],
+    ) -> Vec<(Rigid<Base, Flange>, Twist)> {
+        let deviation = |(station, pose): (&Station<C>, &BoardPose<C>)| {
+            let needed = influence::needed_flange(adjusted, &pose.camera_from_board);
+            (station.base_from_flange, log((station.base_from_flange.inverse() * needed).isometry()))
+        };
+        let chosen = self.stations.iter().zip(self.poses).zip(used).filter(|(_, used)| **used);
+        chosen.map(|(one, _)| deviation(one)).collect()
     }
 
     fn leave_one_out<A: Arrangement<From = C>>(

@@ -50,8 +50,8 @@ pub fn next_pose<A: Arrangement>(
             };
             let Some((gain, _)) = influence::information(camera, &found.adjusted, &candidate) else { continue };
             let Some(covariance) = influence::inverse(&(known + gain)) else { continue };
-            let spread = covariance_at(&found.adjusted.to_from_camera, &covariance, found.at);
-            let uncertainty_mm = radius_95(&spread, found.adjusted.redundancy);
+            let spread = covariance_at(&found.adjusted.to_from_camera, &covariance, found.at) * found.poses_each;
+            let uncertainty_mm = radius_95(&spread, found.redundancy());
             if best.is_none_or(|best| uncertainty_mm < best.uncertainty_mm) {
                 best =
                     Some(Suggestion { base_from_flange: KukaPose::from_rigid(&base_from_flange), uncertainty_mm });

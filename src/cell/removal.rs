@@ -28,6 +28,14 @@ settings! {
         least_force_n: Option<f64>, 0.5..=500.0, default None;
         /// The largest force on a coupon, N.
         most_force_n: Option<f64>, 0.5..=500.0, default None;
+        /// The exponent with which the depth grows with the force; `None` if the coupons do not determine it.
+        force_power: Option<f64>, -10.0..=10.0, default None;
+        /// Its uncertainty, 95 %.
+        force_power_uncertainty: Option<f64>, 0.0..=10.0, default None;
+        /// Discs that treated the coupons; 0 if their scatter is not known.
+        discs: usize, 0..=10_000, default 0;
+        /// Standard deviation from disc to disc, percent.
+        disc_deviation_percent: Option<f64>, 0.0..=1_000.0, default None;
         /// The pad's modulus divided by its thickness, N/mm³.
         pad_n_mm3: f64, 1e-4..=1_000.0, required;
         /// Diameter of the orbit, mm; 0 for a disc that does not orbit.
@@ -70,16 +78,17 @@ impl RemovalCalibration {
     }
 
     /// Returns the file that [`RemovalCalibration::check`] reads back to the last bit, from the numbers in the
-    /// order of [`RemovalNumbers`] and the number of coupons. It is made by a calibration, which has checked none
+    /// order of [`RemovalNumbers`] and the numbers of coupons and discs. It is made by a calibration, which has checked none
     /// of their ranges.
     pub fn text_of(
         numbers: &[(&'static str, f64)],
-        coupons: usize,
+        (coupons, discs): (usize, usize),
         (date, provenance): (Option<Date>, &Provenance),
     ) -> String {
         let mut text = "[removal]\n".to_owned();
         numbers.iter().for_each(|(key, number)| line(&mut text, key, Some(format!("{number:?}"))));
         line(&mut text, "coupons", Some(coupons));
+        line(&mut text, "discs", Some(discs));
         line(&mut text, "date", date);
         provenance.write(&mut text, "residuals_percent");
         text
@@ -90,7 +99,7 @@ impl RemovalCalibration {
 mod tests {
     use super::*;
 
-    const NUMBERS: [(&str, f64); 12] = [
+    const NUMBERS: [(&str, f64); 15] = [
         ("preston_mm2_per_n", 4.123_456_789e-4),
         ("preston_deviation_percent", 1.25),
         ("wear_per_m2", 0.8),
@@ -100,6 +109,9 @@ mod tests {
         ("left_out_percent", 3.9),
         ("least_force_n", 15.0),
         ("most_force_n", 30.0),
+        ("force_power", 0.98),
+        ("force_power_uncertainty", 0.04),
+        ("disc_deviation_percent", 2.5),
         ("pad_n_mm3", 0.05),
         ("orbit_mm", 5.0),
         ("orbit_rev_min", 10_000.0),
@@ -109,16 +121,18 @@ mod tests {
     fn what_is_written_is_read_back() {
         let provenance = Provenance { residuals: vec![1.0, 2.5], ..Provenance::default() };
         let day = Date::of_unix_s(1_764_000_000);
-        let text = RemovalCalibration::text_of(&NUMBERS, 12, (Some(day.clone()), &provenance));
+        let text = RemovalCalibration::text_of(&NUMBERS, (12, 4), (Some(day.clone()), &provenance));
         let read = RemovalCalibration::check("removal.toml", &text).unwrap_or_else(|problems| panic!("{problems}"));
         assert_eq!((read.numbers.least_force_n(), read.numbers.most_force_n()), (Some(15.0), Some(30.0)));
         assert_eq!((read.numbers.preston_mm2_per_n(), read.numbers.coupons()), (4.123_456_789e-4, 12));
+        assert_eq!((read.numbers.force_power(), read.numbers.disc_deviation_percent()), (Some(0.98), Some(2.5)));
+        assert_eq!((read.numbers.discs(), read.numbers.force_power_uncertainty()), (4, Some(0.04)));
         assert_eq!((read.date, read.provenance), (Some(day), provenance));
     }
 
     #[test]
     fn each_mistake_is_named() {
-        let text = RemovalCalibration::text_of(&NUMBERS, 2, (None, &Provenance::default()));
+        let text = RemovalCalibration::text_of(&NUMBERS, (2, 0), (None, &Provenance::default()));
         let wrong = text.replace("orbit_mm = 5.0", "orbit_cm = 0.5").replace("0.05", "0.0");
         let problems = RemovalCalibration::check("f", &wrong).expect_err("refused").to_string();
         for words in [

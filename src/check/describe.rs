@@ -234,6 +234,10 @@ pub(super) fn say_removal(found: &RemovalCalibration) -> Vec<String> {
             numbers.coupons(),
             fixed(numbers.coupon_deviation_percent(), 1)
         ),
+        match numbers.disc_deviation_percent() {
+            Some(percent) => format!("{} discs, which differ by {} %", numbers.discs(), fixed(percent, 1)),
+            None => "the scatter from disc to disc is not known: calibrate the removal again".to_owned(),
+        },
         format!(
             "ln k falls by {} on a square metre; orbit of {} mm at {} rev/min, pad of {} N/mm³",
             fixed(numbers.wear_per_m2(), 2),

@@ -20,11 +20,23 @@ pub const TOOL: CouponTool = CouponTool {
 /// The disc's removal coefficient, mm²/N, and its decay with wear, 1/mm².
 const PRESTON_MM2_PER_N: f64 = 4e-4;
 const DECAY_PER_MM2: f64 = 0.8e-6;
-/// Maximum relative difference of a coupon's removal from the mean, in both directions.
+/// Maximum relative difference of a coupon's removal from the mean of its disc, in both directions.
 const DIFFER: f64 = 0.05;
-const COUPONS: usize = 12;
-/// The forces on the coupons, N.
-const FORCES_N: [f64; 2] = [20.0, 10.0];
+/// The same for a disc's from the mean of all discs.
+const DISCS_DIFFER: f64 = 0.03;
+/// Measured places on each coupon.
+const PLACES: [&str; 3] = ["left", "middle", "right"];
+/// For each coupon its force, N, and the area that its disc had swept, mm²; two coupons for each disc.
+const COUPONS: [(f64, f64); 8] = [
+    (20.0, 0.0),
+    (10.0, 390_000.0),
+    (10.0, 130_000.0),
+    (20.0, 260_000.0),
+    (20.0, 390_000.0),
+    (10.0, 0.0),
+    (10.0, 260_000.0),
+    (20.0, 130_000.0),
+];
 
 /// Writes `boards/coupons.csv`: thicknesses before and after, with new and worn discs.
 ///
@@ -33,23 +45,38 @@ const FORCES_N: [f64; 2] = [20.0, 10.0];
 pub fn write(seed: u64, rendered: &Rendered) -> Result<(), Fault> {
     let mut random = Pcg64Mcg::seed_from_u64(seed);
     let mut text = "# two forces, single lines, measured in their middle; worn_mm2 as `panelprep plan` reports \
-                    it\ncoupon,place,force_n,feed_mm_s,passes,worn_mm2,before_um,after_um\n"
+                    it\ncoupon,place,disc,force_n,feed_mm_s,passes,worn_mm2,before_um,after_um\n"
         .to_owned();
-    for index in 0..COUPONS {
-        let (passes, worn_mm2) = ([1.0, 2.0, 4.0][index % 3], 130_000.0 * (index / 3) as f64);
-        let (name, lines) = (format!("C{}", index / 3 + 1), Lines::One);
+    let discs: Vec<f64> =
+        (0..COUPONS.len() / 2).map(|_| 1.0 + random.random_range(-DISCS_DIFFER..DISCS_DIFFER)).collect();
+    for index in 0..PLACES.len() * COUPONS.len() {
+        let number = index / PLACES.len();
         // The forces are below and above those in the recipes of the simulated cell.
-        let force_n = FORCES_N[index / 3 % 2];
-        let coupon = Coupon { line: 0, name, force_n, feed_mm_s: 60.0, passes, lines, worn_mm2, depth_um: 0.0 };
-        let own = 1.0 + random.random_range(-DIFFER..DIFFER);
+        let (passes, (force_n, worn_mm2)) = ([1.0, 2.0, 4.0][index % 3], COUPONS[number]);
+        let (name, disc, lines) = (format!("C{}", number + 1), format!("D{}", number / 2 + 1), Lines::One);
+        let coupon = Coupon {
+            line: 0,
+            name,
+            disc: Some(disc.clone()),
+            force_n,
+            feed_mm_s: 60.0,
+            passes,
+            lines,
+            worn_mm2,
+            depth_um: 0.0,
+        };
+        let own = discs[number / 2] * (1.0 + random.random_range(-DIFFER..DIFFER));
         let k = PRESTON_MM2_PER_N * (-DECAY_PER_MM2 * worn_mm2).exp();
         let depth_um = 1_000.0 * k * coupon.exposure_n_mm(&TOOL) * own;
         let before_um = 120.0 + random.random_range(-2.0..2.0);
-        let place = ["left", "middle", "right"][index % 3];
+        let place = PLACES[index % PLACES.len()];
         let after_um = before_um - depth_um;
         #[expect(clippy::let_underscore_must_use, reason = "writing to a `String` cannot fail")]
-        let _ =
-            writeln!(text, "{},{place},{force_n},60,{passes},{worn_mm2},{before_um:.2},{after_um:.2}", coupon.name);
+        let _ = writeln!(
+            text,
+            "{},{place},{disc},{force_n},60,{passes},{worn_mm2},{before_um:.2},{after_um:.2}",
+            coupon.name
+        );
     }
     disk::write(&rendered.file("boards/coupons.csv"), text)
 }

@@ -27,6 +27,8 @@ pub struct Coupon {
     pub line: u64,
     /// Name of the coupon and of the measured place on it.
     pub name: String,
+    /// Name of the disc that treated it; `None` if the table does not state it.
+    pub disc: Option<String>,
     /// Force, N.
     pub force_n: f64,
     /// Feed, mm/s.
@@ -76,7 +78,8 @@ pub(super) mod tests {
 
     pub(in crate::removal) fn coupon(lines: Lines) -> Coupon {
         let (force_n, feed_mm_s, passes, worn_mm2, depth_um) = (20.0, 60.0, 2.0, 0.0, 30.0);
-        Coupon { line: 2, name: "A1".to_owned(), force_n, feed_mm_s, passes, lines, worn_mm2, depth_um }
+        let (name, disc) = ("A1".to_owned(), None);
+        Coupon { line: 2, name, disc, force_n, feed_mm_s, passes, lines, worn_mm2, depth_um }
     }
 
     /// Calculated by hand: v/f = 2618.34/60 = 43.639. One line: 2 · 20 N / 706.86 mm² · 30 mm · 0.993 · 43.639 =

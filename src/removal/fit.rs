@@ -2,16 +2,19 @@
 //!
 //!     yᵢ = ln hᵢ − ln Xᵢ = ln k₀ − b wᵢ + eᵢ                                                              (7)
 //! by least squares: every coupon counts by its relative error. With A's rows (1, −wᵢ), σ_r² = Σ eᵢ² / (n − 2) and
-//! the covariance is σ_r² (AᵀA)⁻¹. Each coupon is predicted from the others. A coupon is named if it is farther off
+//! the covariance is σ_r² (AᵀA)⁻¹; if the table names the discs, their scatter counts too (`disc_scatter`). Each
+//! coupon is predicted from the others. A coupon is named if it is farther off
 //! than Student's distribution allows, with 95 %, for one of n. A third unknown tests whether depth follows X at
 //! all: the power of X, which is 1 if Preston holds. Source: Draper & Smith, Applied Regression Analysis, 1998,
 //! 8.1.
 
 use super::coupons::{Coupon, CouponTool};
+use super::disc_scatter::DiscScatter;
 use super::fit_error::{CONTRADICTORY, LEVELS, WORN_LEVELS_MM2};
 pub use super::fit_error::{FitError, MIN_COUPONS};
 use super::least_squares::{Line, line};
 use super::model::MM2_PER_M2;
+use super::power::{Power, Powers};
 use crate::calib::{student_95, student_quantile};
 use nalgebra::{DMatrix, DVector, Matrix2};
 
@@ -39,18 +42,34 @@ pub struct Fitted {
     pub covariance: Matrix2<f64>,
     /// σ_r.
     pub coupon_deviation: f64,
+    /// The scatter of the discs; `None` if the coupons do not show it.
+    pub discs: Option<Discs>,
     /// Measured depth divided by modelled depth, minus 1, for each coupon.
     pub residuals: Vec<f64>,
     /// Each coupon predicted from the others; none if the others determine no model.
     pub left_out: Vec<Option<LeftOut>>,
-    /// The exponent of X in the growth of the depth, and its 95 % uncertainty.
-    pub power: [f64; 2],
+    /// The exponent of X in the growth of the depth.
+    pub power: Power,
+    /// The exponents of force and passes.
+    pub powers: Powers,
+}
+
+/// The scatter of the discs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Discs {
+    /// Number of discs.
+    pub count: usize,
+    /// σ_d: the standard deviation of ln k from disc to disc.
+    pub deviation: f64,
+    /// Effective degrees of freedom of the mean of all coupons.
+    redundancy: f64,
 }
 
 impl Fitted {
-    /// n − 2.
+    /// n − 2; fewer if the discs differ, since the coupons of a disc are then one reading of it.
     pub fn redundancy(&self) -> f64 {
-        self.residuals.len().saturating_sub(2).max(1) as f64
+        let of_coupons = self.residuals.len().saturating_sub(2).max(1) as f64;
+        self.discs.map_or(of_coupons, |discs| discs.redundancy.min(of_coupons))
     }
 
     /// Returns the 95 % uncertainty of k at this swept area of the disc, mm², as a share of k.
@@ -87,8 +106,19 @@ pub fn fit(coupons: &[Coupon], tool: &CouponTool) -> Result<Fitted, FitError> {
     // Different wears were required: the matrix is regular.
     let one_wear = || FitError::OneWear { least_m2: worn(0), most_m2: worn(0) };
     let found = line(&rows, &y).ok_or_else(one_wear)?;
+    contradictory(coupons, &(&y - &rows * &found.solution), &found)?;
+    let names: Vec<Option<&str>> = coupons.iter().map(|coupon| coupon.disc.as_deref()).collect();
+    let scatter = DiscScatter::estimate(&names, (&rows, &y));
+    let found = match &scatter {
+        Some(scatter) => scatter.line(&rows, &y).ok_or_else(one_wear)?,
+        None => found,
+    };
     let left = &y - &rows * &found.solution;
-    contradictory(coupons, &left, &found)?;
+    let discs = scatter.as_ref().map(|scatter| Discs {
+        count: scatter.discs(),
+        deviation: scatter.deviation(found.deviation),
+        redundancy: scatter.redundancy(rows.ncols()),
+    });
     let scale = Matrix2::new(1.0, 1.0 / MM2_PER_M2, 1.0 / MM2_PER_M2, 1.0 / MM2_PER_M2.powi(2));
     let inverse = Matrix2::from_fn(|row, column| found.inverse[(row, column)]);
     Ok(Fitted {
@@ -96,9 +126,11 @@ pub fn fit(coupons: &[Coupon], tool: &CouponTool) -> Result<Fitted, FitError> {
         decay_per_mm2: found.solution[1] / MM2_PER_M2,
         covariance: inverse.component_mul(&scale) * found.deviation.powi(2),
         coupon_deviation: found.deviation,
+        discs,
         residuals: left.iter().map(|left| left.exp_m1()).collect(),
         left_out: (0..coupons.len()).map(|index| left_out(coupons, (&rows, &y), (index, &exposure))).collect(),
         power: power(&rows, (&exposure, &depth)),
+        powers: Powers::compute(coupons, (&rows, &y), scatter.as_ref()),
     })
 }
 
@@ -162,8 +194,8 @@ fn left_out(
     })
 }
 
-/// The exponent of X, and the half-width of its 95 % interval.
-fn power(rows: &DMatrix<f64>, (exposure, depth): (&[f64], &[f64])) -> [f64; 2] {
+/// The exponent of X.
+fn power(rows: &DMatrix<f64>, (exposure, depth): (&[f64], &[f64])) -> Power {
     let mean = exposure.iter().sum::<f64>() / exposure.len() as f64;
     let more = rows.clone().insert_column(2, 0.0);
     let more = DMatrix::from_fn(more.nrows(), 3, |row, column| match column {
@@ -171,9 +203,10 @@ fn power(rows: &DMatrix<f64>, (exposure, depth): (&[f64], &[f64])) -> [f64; 2] {
         _ => more[(row, column)],
     });
     let found = line(&more, &DVector::from_column_slice(depth));
-    found.map_or([f64::NAN; 2], |found| {
-        let known = student_95((exposure.len() - 3) as f64) * found.deviation * found.inverse[(2, 2)].sqrt();
-        [found.solution[2], known]
+    let unknown = Power { value: f64::NAN, uncertainty: f64::NAN };
+    found.map_or(unknown, |found| {
+        let uncertainty = student_95((exposure.len() - 3) as f64) * found.deviation * found.inverse[(2, 2)].sqrt();
+        Power { value: found.solution[2], uncertainty }
     })
 }
 
@@ -209,7 +242,7 @@ pub(super) mod tests {
             (found.preston_mm2_per_n / 4e-4 - 1.0).abs() < 1e-9
                 && (found.decay_per_mm2 / 0.8e-6 - 1.0).abs() < 1e-6
         );
-        assert!(found.coupon_deviation < 1e-9 && (found.power[0] - 1.0).abs() < 1e-9);
+        assert!(found.coupon_deviation < 1e-9 && (found.power.value - 1.0).abs() < 1e-9);
     }
 
     /// Calculated by hand: of two coupons each at 0 and 1 m² … with ±e the mean is 0. Six places 0, 0, 0, 1, 1, 1
@@ -283,7 +316,7 @@ pub(super) mod tests {
         }
         // The square root also halves the wear coefficient.
         let found = fit(&made, &TOOL).expect("a model");
-        assert!((found.power[0] - 0.5).abs() < 1e-6, "{:?}", found.power);
+        assert!((found.power.value - 0.5).abs() < 1e-6, "{:?}", found.power);
     }
 
     /// In 400 sets of coupons with errors up to 6 %, the true value lies within the stated uncertainty in about 95
@@ -300,5 +333,27 @@ pub(super) mod tests {
             assert!(found.left_out.iter().all(Option::is_some));
         }
         assert!((368..=392).contains(&held), "{held} of 400");
+    }
+
+    /// In 300 sets of coupons by six discs, which differ by 5 %, the true k lies within the stated uncertainty in
+    /// about 95 % of the sets. Without the names of the discs it lies there in far fewer sets.
+    #[test]
+    fn discs_that_differ_count() {
+        let mut random = Pcg64Mcg::seed_from_u64(2);
+        let mut held = [0; 2];
+        for _ in 0..300 {
+            let discs: Vec<f64> = (0..6).map(|_| random.random_range(-0.087..0.087)).collect();
+            let off: Vec<f64> =
+                (0..24).map(|index| discs[index / 4] + random.random_range(-0.035..0.035)).collect();
+            let mut made = coupons(&off);
+            let share = |made: &[Coupon]| {
+                let found = fit(made, &TOOL).expect("a model");
+                (found.preston_mm2_per_n / 4e-4).ln().abs() / found.preston_share_95(0.0)
+            };
+            held[1] += usize::from(share(&made) <= 1.0);
+            made.iter_mut().enumerate().for_each(|(index, own)| own.disc = Some(format!("D{}", index / 4)));
+            held[0] += usize::from(share(&made) <= 1.0);
+        }
+        assert!((270..=297).contains(&held[0]) && held[1] < 260, "{held:?} of 300");
     }
 }

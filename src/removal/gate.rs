@@ -3,6 +3,7 @@
 use super::coupons::Coupon;
 use super::fit::Fitted;
 use super::model::MM2_PER_M2;
+use super::power::Power;
 use crate::number_text::{apart, fixed};
 use crate::verdict::{Check, SetBy};
 
@@ -15,8 +16,10 @@ const KNOWN_PERCENT: Bounds = [12.0, 40.0];
 const COUPON_PERCENT: Bounds = [10.0, 30.0];
 /// Rms deviation of left-out coupons, percent.
 const LEFT_OUT_PERCENT: Bounds = [12.0, 40.0];
-/// Largest deviation of the power of the load.
-const POWER_OFF: f64 = 0.15;
+/// Scatter σ of ln k from disc to disc, percent.
+const DISC_PERCENT: Bounds = [10.0, 30.0];
+/// Smallest number of discs that shows their scatter.
+const MIN_DISCS: usize = 3;
 /// Smallest number of coupons that needs no review.
 const MIN_MEASURED_PLACES: f64 = 8.0;
 
@@ -46,8 +49,25 @@ pub fn checks(found: &Fitted, coupons: &[Coupon]) -> Vec<Check> {
             LEFT_OUT_PERCENT,
             "deviation of the left-out coupons from their prediction by the others, percent",
         ),
+        discs_known(found),
+        bounded(
+            "discs_differ",
+            ("the discs differ, σ", 100.0 * found.discs.map_or(0.0, |discs| discs.deviation)),
+            DISC_PERCENT,
+            "discs differ from each other by percent",
+        ),
         outliers(found, coupons),
-        power(found),
+        power(
+            ("power by which the depth goes with the load", "force times rubbed way"),
+            "not_preston",
+            found.power,
+        ),
+        exponent(("power by which the depth goes with the force", "the force"), "force_power", found.powers.force),
+        exponent(
+            ("power by which the depth goes with the passes", "the passes"),
+            "passes_power",
+            found.powers.passes,
+        ),
         wear(found),
     ]
 }
@@ -96,21 +116,36 @@ fn outliers(found: &Fitted, coupons: &[Coupon]) -> Check {
         })
 }
 
-fn power(found: &Fitted) -> Check {
-    let [power, known] = found.power;
-    // Both limits: few coupons give an uncertain power that proves nothing, and many give a certain one whose
-    // difference does not matter.
-    let is_off = (power - 1.0).abs() > POWER_OFF && (power - 1.0).abs() > known || power.is_nan();
-    Check::new("power by which the depth goes with the load", "", power).broken(
-        is_off,
+/// Checks whether the scatter from disc to disc is known: k holds for discs that treated no coupon.
+fn discs_known(found: &Fitted) -> Check {
+    let count = found.discs.map_or(0, |discs| discs.count);
+    Check::new("discs whose scatter is known", "", count as f64)
+        .at_least(MIN_DISCS as f64, SetBy::Program)
+        .reviews("few_discs", || match count {
+            0 => format!(
+                "the scatter from disc to disc is not known: name the disc of each coupon in the column disc, and use \
+                 {MIN_DISCS} discs or more, each for two coupons or more"
+            ),
+            _ => format!("the coupons were treated by {count} discs (limit {MIN_DISCS}); measure coupons of more discs"),
+        })
+}
+
+/// Checks an exponent that may not be determined.
+fn exponent(words: (&'static str, &str), code: &'static str, found: Option<Power>) -> Check {
+    found.map_or_else(|| Check::new(words.0, "", None), |found| power(words, code, found))
+}
+
+fn power((name, what): (&'static str, &str), code: &'static str, found: Power) -> Check {
+    Check::new(name, "", found.value).broken(
+        found.contradicts_preston(),
         crate::verdict::Severity::Review,
-        "not_preston",
+        code,
         || {
             format!(
-                "depth goes with the {} ± {} power of force times rubbed way, by Preston's law with the first; the model \
-                 is right near the coupons' own loads alone",
-                fixed(power, 2),
-                fixed(known, 2)
+                "depth goes with the {} ± {} power of {what}, by Preston's law with the first; the model is right \
+                 near the coupons' own loads alone",
+                fixed(found.value, 2),
+                fixed(found.uncertainty, 2)
             )
         },
     )
@@ -143,9 +178,15 @@ mod tests {
     use crate::verdict::{Judgement, Verdict};
 
     fn judged(off: &[f64]) -> (Verdict, Vec<String>) {
-        let made = coupons(off);
+        let made = by_discs(coupons(off));
         let judgement = Judgement::of_checks(&checks(&fit(&made, &TOOL).expect("a model"), &made));
         (judgement.verdict, judgement.reasons.into_iter().map(|reason| reason.code.into_owned()).collect())
+    }
+
+    /// Names four discs.
+    fn by_discs(mut made: Vec<Coupon>) -> Vec<Coupon> {
+        made.iter_mut().enumerate().for_each(|(index, own)| own.disc = Some(format!("D{}", index % 4)));
+        made
     }
 
     const GOOD: [f64; 12] = [0.02, -0.01, 0.0, 0.01, -0.02, 0.015, 0.0, -0.015, 0.01, 0.0, -0.01, 0.005];
@@ -171,5 +212,33 @@ mod tests {
         let words =
             all.iter().find_map(|check| check.message.clone().filter(|words| words.contains("A4 (line 6)")));
         assert!(words.is_some(), "{all:?}");
+    }
+
+    /// Without the column, with one disc and with two discs, the scatter from disc to disc is not known.
+    #[test]
+    fn discs_that_are_not_known_are_for_a_person() {
+        let codes = |discs: usize| -> Vec<String> {
+            let mut made = coupons(&GOOD);
+            if discs > 0 {
+                made.iter_mut().enumerate().for_each(|(index, own)| own.disc = Some(format!("D{}", index % discs)));
+            }
+            let all = checks(&fit(&made, &TOOL).expect("a model"), &made);
+            Judgement::of_checks(&all).reasons.into_iter().map(|reason| reason.code.into_owned()).collect()
+        };
+        assert_eq!([0, 1, 2].map(codes), [["few_discs"]; 3].map(|codes| codes.map(str::to_owned).to_vec()));
+        assert_eq!(codes(3), Vec::<String>::new());
+    }
+
+    #[test]
+    fn a_depth_that_does_not_go_with_the_force_is_for_a_person() {
+        let mut made = by_discs(coupons(&GOOD));
+        for (index, own) in made.iter_mut().enumerate() {
+            own.force_n = [10.0, 20.0][index / 4 % 2];
+            own.depth_um *= (own.force_n / 20.0).sqrt();
+        }
+        let all = checks(&fit(&made, &TOOL).expect("a model"), &made);
+        let codes: Vec<String> =
+            Judgement::of_checks(&all).reasons.into_iter().map(|reason| reason.code.into_owned()).collect();
+        assert!(codes.contains(&"force_power".to_owned()), "{codes:?}");
     }
 }

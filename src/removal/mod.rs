@@ -36,9 +36,9 @@
 //!
 //! # The uncertainty
 //!
-//! ln k₀ and b come with their covariance from coupons (`fit`), which also differ among themselves by σ_r; the
-//! force has an error of σ_F. All parts act on the whole of a place's depth, so that
-//!     σ²(ln h) = var(ln k₀) − 2 w cov(ln k₀, b) + w² var(b) + σ_r² + σ_F²,                              (6, `model`)
+//! ln k₀ and b come with their covariance from coupons (`fit`), which also differ among themselves by σ_r, and their
+//! discs by σ_d; the force has an error of σ_F. All parts act on the whole of a place's depth, so that
+//!     σ²(ln h) = var(ln k₀) − 2 w cov(ln k₀, b) + w² var(b) + σ_r² + σ_d² + σ_F²,                       (6, `model`)
 //! and 95 % of places lie within h · exp(± q σ), q being Student's for the coupons' redundancy.
 //!
 //! # Sources
@@ -49,11 +49,12 @@
 //!
 //! Files: `speed`, `tangent_frame`, `pad`, `stroke`, `model` the physics · `track` the stretches of a path · `samples`,
 //! `map` their removal, place by place · `figures` its numbers · `schedule`, `descent` the feeds that make it even
-//! · `ground` where there is panel · `coupons`, `table` measured depths · `fit`, `least_squares`, `fit_error`,
-//! `gate` their result for k, and whether it may be used. No I/O and no clock. Lengths in mm and forces in N.
+//! · `ground` where there is panel · `coupons`, `table` measured depths · `fit`, `least_squares`, `disc_scatter`,
+//! `power`, `fit_error`, `gate` their result for k, and whether it may be used. No I/O and no clock. Lengths in mm and forces in N.
 
 pub mod coupons;
 mod descent;
+mod disc_scatter;
 pub mod figures;
 pub mod fit;
 mod fit_error;
@@ -63,6 +64,7 @@ mod least_squares;
 pub mod map;
 pub mod model;
 pub mod pad;
+pub mod power;
 pub mod samples;
 pub mod schedule;
 pub mod speed;

@@ -2,11 +2,12 @@
 //! known.
 //!
 //!     k(w) = k₀ exp(−b w)                                                                                  (3)
-//!     σ²(w) = var(ln k₀) − 2 w cov(ln k₀, b) + w² var(b) + σ_r² + σ_F²                                     (6)
-//! σ_r is the deviation of one coupon from the model, σ_F the force's own. Coupons also differ by their measured
+//!     σ²(w) = var(ln k₀) − 2 w cov(ln k₀, b) + w² var(b) + σ_r² + σ_d² + σ_F²                              (6)
+//! σ_r is the deviation of one coupon from the model, σ_d that of a disc, σ_F the force's own. Coupons also differ by their measured
 //! force, so that σ is rather too large than too small. With 95 % the true depth lies within exp(± q σ) of the
 //! expected one, q being Student's for the number of coupons less two.
 
+use super::power::{LEVELS, Power};
 use super::speed::Orbit;
 use crate::calib::student_95;
 use crate::cell::RemovalNumbers;
@@ -36,7 +37,9 @@ pub struct Model {
     pub covariance: Matrix2<f64>,
     /// σ_r.
     pub coupon_deviation: f64,
-    /// Number of coupons minus number of fitted parameters.
+    /// σ_d; 0 if the coupons do not show it.
+    pub disc_deviation: f64,
+    /// Effective degrees of freedom with which σ_r and σ_d are known.
     pub redundancy: f64,
     /// How the disc orbits.
     pub orbit: Orbit,
@@ -44,27 +47,41 @@ pub struct Model {
     pub pad_n_mm3: f64,
     /// The smallest and the largest force on a coupon, N; `None` if the calibration does not state them.
     pub forces_n: Option<[f64; 2]>,
+    /// The exponent with which the depth grows with the force; `None` if the coupons do not determine it.
+    pub force_power: Option<Power>,
 }
 
-/// Coupons with forces that differ by this factor show how the depth grows with the force, and are valid for forces
-/// this factor beyond theirs …
-pub const FORCE_RANGE: f64 = 1.5;
-/// Coupons with less different forces are valid for forces this factor beyond their own.
+/// Coupons that show that the depth grows with the force are valid for forces this factor beyond theirs …
+pub const FORCE_RANGE: f64 = LEVELS;
+/// Other coupons are valid for forces this factor beyond their own.
 const FORCE_NEAR: f64 = 1.15;
+/// An exponent of the force that the coupons do not determine may differ by this much from 1.
+const UNKNOWN_POWER_OFF: f64 = 0.5;
 
 impl From<&RemovalNumbers> for Model {
     fn from(found: &RemovalNumbers) -> Self {
         let deviations = [found.preston_deviation_percent() / 100.0, found.wear_deviation_per_m2() / MM2_PER_M2];
+        let (coupons, discs) = (found.coupons().saturating_sub(FITTED).max(1) as f64, found.discs() as f64);
+        let [coupon, disc] = [Some(found.coupon_deviation_percent()), found.disc_deviation_percent()]
+            .map(|percent| percent.unwrap_or(0.0) / 100.0);
+        let [of_coupon, of_disc] = [coupon, disc].map(|deviation| deviation.powi(2));
+        let known = of_coupon.powi(2) / (coupons - discs).max(1.0) + of_disc.powi(2) / (discs - 1.0).max(1.0);
         let across = found.correlation() * deviations[0] * deviations[1];
         Model {
             preston_mm2_per_n: found.preston_mm2_per_n(),
             decay_per_mm2: found.wear_per_m2() / MM2_PER_M2,
             covariance: Matrix2::new(deviations[0].powi(2), across, across, deviations[1].powi(2)),
-            coupon_deviation: found.coupon_deviation_percent() / 100.0,
-            redundancy: found.coupons().saturating_sub(FITTED).max(1) as f64,
+            coupon_deviation: coupon,
+            disc_deviation: disc,
+            // Satterthwaite: the degrees of freedom of a sum of two variances.
+            redundancy: if known > 0.0 { ((of_coupon + of_disc).powi(2) / known).min(coupons) } else { coupons },
             orbit: Orbit { diameter_mm: found.orbit_mm(), speed_rev_min: found.orbit_rev_min() },
             pad_n_mm3: found.pad_n_mm3(),
             forces_n: found.least_force_n().zip(found.most_force_n()).map(|(least_n, most_n)| [least_n, most_n]),
+            force_power: found
+                .force_power()
+                .zip(found.force_power_uncertainty())
+                .map(|(value, uncertainty)| Power { value, uncertainty }),
         }
     }
 }
@@ -89,14 +106,25 @@ impl Model {
         let (w, cov) = (disc.swept_mm2, &self.covariance);
         let of_k = cov[(0, 0)] - 2.0 * w * cov[(0, 1)] + w * w * cov[(1, 1)];
         let force = disc.force_share_95 / NORMAL_95;
-        (of_k.max(0.0) + self.coupon_deviation.powi(2) + force * force).sqrt()
+        (of_k.max(0.0) + self.coupon_deviation.powi(2) + self.disc_deviation.powi(2) + force * force).sqrt()
+    }
+
+    /// Returns the error of a depth with this force, 95 %, as a share: the depth may grow with another power of the
+    /// force than the first.
+    pub fn force_law_share_95(&self, force_n: f64) -> f64 {
+        let Some([least_n, most_n]) = self.forces_n else { return UNKNOWN_POWER_OFF };
+        match self.force_power {
+            Some(power) => (force_n / (least_n * most_n).sqrt()).ln().abs() * power.off_95(),
+            None => (force_n / force_n.clamp(least_n, most_n)).ln().abs() * UNKNOWN_POWER_OFF,
+        }
     }
 
     /// Returns the range of forces for which the coupons are valid, N: a depth grows in proportion to the force
     /// only as far as this was measured. `None` if the coupons' forces are not known.
     pub fn holds_for_n(&self) -> Option<[f64; 2]> {
         let [least_n, most_n] = self.forces_n?;
-        let beyond = if most_n >= FORCE_RANGE * least_n { FORCE_RANGE } else { FORCE_NEAR };
+        let is_shown = self.force_power.is_some_and(|power| !power.contradicts_preston());
+        let beyond = if is_shown { FORCE_RANGE } else { FORCE_NEAR };
         Some([least_n / beyond, most_n * beyond])
     }
 
@@ -116,24 +144,48 @@ pub(crate) mod tests {
         decay_per_mm2: 0.8e-6,
         covariance: Matrix2::new(4e-4, 1e-9, 1e-9, 1e-14),
         coupon_deviation: 0.03,
+        disc_deviation: 0.0,
         redundancy: 10.0,
         orbit: Orbit { diameter_mm: 5.0, speed_rev_min: 10_000.0 },
         pad_n_mm3: 0.05,
         forces_n: Some([15.0, 30.0]),
+        force_power: Some(Power { value: 1.02, uncertainty: 0.05 }),
     };
 
-    /// The model of a disc that does not wear.
-    pub(crate) const EVEN_MODEL: Model =
-        Model { decay_per_mm2: 0.0, covariance: Matrix2::new(4e-4, 0.0, 0.0, 0.0), ..MODEL };
+    /// The model of a disc that does not wear, by coupons that follow Preston's law exactly.
+    pub(crate) const EVEN_MODEL: Model = Model {
+        decay_per_mm2: 0.0,
+        covariance: Matrix2::new(4e-4, 0.0, 0.0, 0.0),
+        force_power: Some(Power { value: 1.0, uncertainty: 0.0 }),
+        ..MODEL
+    };
 
     /// Calculated by hand: forces of 15 and 30 N are valid from 15 / 1.5 = 10 N to 45 N, one force of 20 N from
     /// 17.4 N to 23 N.
     #[test]
     fn the_forces_for_which_coupons_hold() {
         assert_eq!(MODEL.holds_for_n(), Some([10.0, 45.0]));
-        let [least_n, most_n] = Model { forces_n: Some([20.0, 20.0]), ..MODEL }.holds_for_n().expect("a range");
+        let [least_n, most_n] =
+            Model { forces_n: Some([20.0, 20.0]), force_power: None, ..MODEL }.holds_for_n().expect("a range");
         assert!((least_n - 17.391).abs() < 1e-3 && (most_n - 23.0).abs() < 1e-9, "{least_n} {most_n}");
         assert_eq!(Model { forces_n: None, ..MODEL }.holds_for_n(), None);
+        // Forces that are far enough apart, but do not show the law or show another one.
+        for force_power in [None, Some(Power { value: 0.7, uncertainty: 0.1 })] {
+            let [least_n, most_n] = Model { force_power, ..MODEL }.holds_for_n().expect("a range");
+            assert!((least_n - 13.043).abs() < 1e-3 && (most_n - 34.5).abs() < 1e-9, "{least_n} {most_n}");
+        }
+    }
+
+    /// Calculated by hand: the middle of 15 and 30 N is 21.213 N. At 30 N an exponent of 1.02 ± 0.05 leaves
+    /// ln(√2) · 0.07 = 0.024 26. An unknown exponent counts beyond the coupons' forces: at 33 N ln(1.1) · 0.5.
+    #[test]
+    fn a_force_beside_those_of_the_coupons_adds_an_error() {
+        let near = |found: f64, expected: f64| assert!((found - expected).abs() < 1e-5, "{found} {expected}");
+        near(MODEL.force_law_share_95(30.0), 0.024_26);
+        near(MODEL.force_law_share_95(21.213_203), 0.0);
+        let unknown = Model { force_power: None, ..MODEL };
+        near(unknown.force_law_share_95(33.0), 0.047_655);
+        near(unknown.force_law_share_95(20.0), 0.0);
     }
 
     /// Calculated by hand: after half a square metre, k is e^(−0.4) = 0.670 32 of its first value; Student's 97.5 %

@@ -24,6 +24,7 @@ const COLUMNS: [Column; 8] = [
 ];
 const COUPON: &str = "coupon";
 const PLACE: &str = "place";
+const DISC: &str = "disc";
 /// First character of lines that are remarks.
 const REMARK: char = '#';
 
@@ -83,7 +84,7 @@ fn values(line: &str) -> StringRecord {
 }
 
 fn header_problems(header: &StringRecord, line: u64) -> Vec<TableProblem> {
-    let known = || COLUMNS.iter().map(|(name, ..)| *name).chain([COUPON, PLACE]);
+    let known = || COLUMNS.iter().map(|(name, ..)| *name).chain([COUPON, PLACE, DISC]);
     let has = |name: &str| header.iter().any(|found| found == name);
     let unknown = header.iter().filter(|found| !known().any(|name| name == *found));
     let told = known().collect::<Vec<_>>().join(", ");
@@ -143,6 +144,10 @@ fn coupon(row: &Row<'_>) -> Result<Coupon, Vec<TableProblem>> {
     if row.text(COUPON).is_none() {
         problems.push(problem(row.line, COUPON, "a name is missing"));
     }
+    // A disc without a name could be any of the others, and their scatter would be wrong.
+    if row.header.iter().any(|name| name == DISC) && row.text(DISC).is_none() {
+        problems.push(problem(row.line, DISC, "a name is missing"));
+    }
     let is_whole = numbers[2].is_none_or(|passes| passes.fract() == 0.0);
     if !is_whole {
         problems.push(problem(row.line, "passes", "must be a whole number"));
@@ -154,6 +159,7 @@ fn coupon(row: &Row<'_>) -> Result<Coupon, Vec<TableProblem>> {
             Ok(Coupon {
                 line: row.line,
                 name,
+                disc: row.text(DISC).map(str::to_owned),
                 force_n: *force_n,
                 feed_mm_s: *feed_mm_s,
                 passes: *passes,
@@ -208,6 +214,10 @@ mod tests {
         assert_eq!((second.worn_mm2, second.lines, second.depth_um), (1e5, Lines::Rows(12.0), 58.5));
         let short = "worn_mm2,coupon,passes,force_n,feed_mm_s,depth_um\n0,A1,1,20,60,15\n";
         assert_eq!(read_coupons(short.as_bytes()).expect("read")[0].name, "A1");
+        assert_eq!(read_coupons(short.as_bytes()).expect("read")[0].disc, None);
+        let discs = "worn_mm2,coupon,disc,passes,force_n,feed_mm_s,depth_um\n0,A1,D7,1,20,60,15\n";
+        assert_eq!(read_coupons(discs.as_bytes()).expect("read")[0].disc.as_deref(), Some("D7"));
+        assert_eq!(problems(&discs.replace("D7", "")), ["line 2, disc: a name is missing"]);
     }
 
     #[test]

@@ -123,7 +123,7 @@ impl<'a> Abrasive<'a> {
         let disc = self.disc(&model);
         let all = stretches(&self.fit.surface, poses, (&disc, force_n), &ground);
         let spacing_mm = (SPACING_RADII * disc.pad.radius_mm).clamp(SPACING_MM[0], SPACING_MM[1]);
-        let force_share = asked.force_error_percent() / 100.0;
+        let force_share = (asked.force_error_percent() / 100.0).hypot(model.force_law_share_95(force_n));
         let on = (&self.fit.surface, &self.panel.region, &ground as Ground<'_>);
         let own = removed(on, grids, &all, (&model, force_share), spacing_mm);
         // The target applies to a pass; the limit at each position applies to the part.

@@ -1,10 +1,12 @@
 //! Calibration against the renderer's ground truth: the sweeps. `cargo bench --bench calib -- [SEEDS [RENDERED]]`
-//! shortens the statistics from 200 seeds and the rendered sweeps from 20.
+//! shortens the statistics from 200 seeds and the rendered sweeps from 20; `-- uncalibrated` runs the arms alone.
 
 #[path = "../boards.rs"]
 mod boards;
 #[path = "goal.rs"]
 mod goal;
+#[path = "calib/uncalibrated.rs"]
+mod uncalibrated;
 
 use boards::{BAD_ROBOT, Error, FAULTS, GOOD_ROBOT, Lens, POSES, Side};
 use goal::{Figure, larger};
@@ -28,6 +30,9 @@ const HELD: std::ops::RangeInclusive<f64> = 0.90..=0.99;
 const LIMIT_SEEDS: usize = 20;
 
 fn main() -> ExitCode {
+    if std::env::args().any(|argument| argument == "uncalibrated") {
+        return finished(uncalibrated::arms());
+    }
     let mut numbers = std::env::args().skip(1).filter_map(|argument| argument.parse::<u64>().ok());
     let seeds = numbers.next().unwrap_or(200);
     let few = numbers.next().unwrap_or(seeds.div_ceil(10));
@@ -62,6 +67,11 @@ fn main() -> ExitCode {
     let mounts = [rendered::<ScannerMount>(few), rendered::<FlangeCameraMount>(few)];
     missed += mounts.iter().map(|mount| mount.missed).sum::<usize>();
     mounts_reported(&mounts);
+    missed += uncalibrated::arms();
+    finished(missed)
+}
+
+fn finished(missed: usize) -> ExitCode {
     println!("{missed} floors were missed");
     if missed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }

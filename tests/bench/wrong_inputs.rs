@@ -1,5 +1,5 @@
 //! Calibrations with wrong inputs: every mistake, many seeds, both mounts. Each wrong input must be refused and
-//! named, and the right input must be accepted. `cargo bench --bench wrong_inputs -- seeds=20`.
+//! named, and the right input must be accepted. `cargo bench --bench wrong_inputs -- seeds=20 from=1`.
 
 mod arguments;
 #[path = "../boards.rs"]
@@ -16,6 +16,7 @@ use panelprep::cell::{FlangeCameraMount, ScannerMount};
 use panelprep::geometry::{Base, Board as BoardFrame, Flange, Frame, KukaPose, PinholeCamera, Pixel, Point, Rigid};
 use panelprep::verdict::Verdict;
 use rayon::prelude::*;
+use std::ops::RangeInclusive;
 use std::process::ExitCode;
 
 /// Minimum share of the refused inputs whose message names the actual mistake.
@@ -188,8 +189,9 @@ fn judged<A: Side>(seed: u64, mistake: &Mistake) -> (Verdict, String) {
 }
 
 /// Returns a row of the table: the number of seeds that were accepted, and the number that were named.
-fn row<A: Side>(seeds: u64, mistake: &Mistake) -> [usize; 2] {
-    let all: Vec<(Verdict, String)> = (1..=seeds).into_par_iter().map(|seed| judged::<A>(seed, mistake)).collect();
+fn row<A: Side>(seeds: &RangeInclusive<u64>, mistake: &Mistake) -> [usize; 2] {
+    let all: Vec<(Verdict, String)> =
+        seeds.clone().into_par_iter().map(|seed| judged::<A>(seed, mistake)).collect();
     let accepted = all.iter().filter(|(verdict, _)| *verdict == Verdict::Accept).count();
     let named = all.iter().filter(|(_, words)| words.contains(mistake.named)).count();
     if named < all.len() || (mistake.named.is_empty() && accepted < all.len()) {
@@ -204,13 +206,14 @@ fn row<A: Side>(seeds: u64, mistake: &Mistake) -> [usize; 2] {
 }
 
 fn main() -> ExitCode {
-    let seeds = arguments::number("seeds").unwrap_or(20);
+    let (seeds, from) = (arguments::number("seeds").unwrap_or(20), arguments::number("from").unwrap_or(1));
+    let range = from..=from + seeds - 1;
     println!(
-        "mistake                     fixed camera: accepted, named   camera on the flange: accepted, named   of {seeds}"
+        "mistake                     fixed camera: accepted, named   camera on the flange: accepted, named   of {seeds}, from seed {from}"
     );
     let (mut missed, mut named, mut wrong, mut accepted) = (0, 0, 0, 0);
     for mistake in mistakes() {
-        let rows = [row::<ScannerMount>(seeds, &mistake), row::<FlangeCameraMount>(seeds, &mistake)];
+        let rows = [row::<ScannerMount>(&range, &mistake), row::<FlangeCameraMount>(&range, &mistake)];
         let [[fixed, fixed_named], [moving, moving_named]] = rows;
         println!("{:26}  {fixed:8} {fixed_named:6}  {moving:30} {moving_named:6}", mistake.name);
         if mistake.named.is_empty() {

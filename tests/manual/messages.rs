@@ -58,7 +58,7 @@ const TABLES: [(&str, &str); 4] = [
 ];
 
 /// Calls whose first word is a code, in all files or in those with this ending.
-const CALLS: [(&str, &str); 11] = [
+const CALLS: [(&str, &str); 13] = [
     (".rs", "Reason::new("),
     (".rs", ".bound("),
     (".rs", ".doubt("),
@@ -68,6 +68,8 @@ const CALLS: [(&str, &str); 11] = [
     (".rs", ".rejects("),
     (".rs", ".reviews("),
     ("removal/gate.rs", " bounded("),
+    ("removal/gate.rs", " power("),
+    ("removal/gate.rs", " exponent("),
     ("locate/refine/judge.rs", "beyond(refined"),
     (".rs", ".broken("),
 ];

@@ -10,7 +10,7 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-const LENS: PinholeCamera = PinholeCamera {
+pub(super) const LENS: PinholeCamera = PinholeCamera {
     width_px: 1600,
     height_px: 1200,
     fx_px: 1700.0,
@@ -26,7 +26,7 @@ const LENS: PinholeCamera = PinholeCamera {
 
 /// Makes pictures of a board of 12×9 corners. The board's middle stays within this share of the picture around the
 /// picture's middle.
-fn pictures(lens: &PinholeCamera, seed: u64, count: usize, spread: f64, depth_mm: f64) -> Vec<View> {
+pub(super) fn pictures(lens: &PinholeCamera, seed: u64, count: usize, spread: f64, depth_mm: f64) -> Vec<View> {
     let board = Board::parse("12x9", 30.0).expect("a board");
     let middle = board.middle().mm.coords;
     let mut random = Pcg64::seed_from_u64(seed);
@@ -53,7 +53,7 @@ fn pictures(lens: &PinholeCamera, seed: u64, count: usize, spread: f64, depth_mm
         .collect()
 }
 
-fn size(lens: &PinholeCamera) -> (usize, usize) {
+pub(super) fn size(lens: &PinholeCamera) -> (usize, usize) {
     (lens.width_px, lens.height_px)
 }
 

@@ -4,5 +4,6 @@ mod boards;
 mod hand_eye;
 mod lenses;
 mod robot;
+mod subsets;
 mod three_points;
 mod wrong_inputs;

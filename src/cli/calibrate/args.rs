@@ -65,7 +65,8 @@ pub enum What {
         after_help = "COUPONS is a CSV file with one measured place per line; its first line names the columns, in \
                       any order:\n  coupon        its name; the column place states the place on it (may be left \
                       out)\n  force_n       force of the tool, N\n  feed_mm_s     feed, mm/s\n  passes        how \
-                      often the disc passed\n  step_over_mm  distance of the rows, mm, for a field of rows, \
+                      often the disc passed\n  disc          name of the disc; without this column the scatter from \
+                      disc to disc is not known\n  step_over_mm  distance of the rows, mm, for a field of rows, \
                       measured as the mean over a row in its middle;\n                empty, or no such column, \
                       for a single line, measured in its middle\n  worn_mm2      area that the disc had swept \
                       before this place, mm², as `panelprep plan` reports it; a new disc has 0\n  depth_um      \

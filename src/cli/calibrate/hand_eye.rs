@@ -83,6 +83,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
         true => Some(calibrated(&measured, Some(found.at))?),
         false => None,
     };
+    let has_scans = looks.iter().any(|look| look.board_image.cloud().is_some());
     let rough = cell.as_ref().and_then(A::rough);
     // A pose that a person typed has no axes, also in a live session.
     let is_reported = args.live.live.is_some() && looks.iter().all(|look| look.has_axes);
@@ -106,6 +107,12 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
              panel)",
             pose_of(second),
             second.uncertainty_mm
+        ));
+    }
+    if second.is_none() && has_scans {
+        outcome.add_line(format!(
+            "the mount of the pictures is kept: the 3D camera's points show the board in {} shots, {MIN_STATIONS} are needed",
+            measured.len()
         ));
     }
     if let Some(rough) = rough {
@@ -232,6 +239,8 @@ fn report_result<A: Arrangement>(
     outcome.put("rms_mm", json!(found.rms_mm));
     outcome.put("rms_deg", json!(found.rms_deg));
     outcome.put("uncertainty_mm", json!(found.uncertainty_mm));
+    outcome.put("picture_uncertainty_mm", json!(found.uncertainty_mm));
+    outcome.put("poses_each", json!(found.poses_each));
     let lens_mm = found.lens_uncertainty_mm();
     outcome.put("lens_uncertainty_mm", json!(lens_mm));
     if let Some(size) = &found.square {
@@ -249,6 +258,13 @@ fn report_result<A: Arrangement>(
         false => "the intrinsics' file states no covariance: the lens is assumed to have no error".to_owned(),
     };
     outcome.add_line(format!("± {:.3} mm at the panel (95 %); {lens}", found.uncertainty_mm));
+    if found.poses_each > 1.0 {
+        outcome.add_line(format!(
+            "the arm's errors are alike in neighbouring poses: {:.1} poses count as one; calibrate the arm (`panelprep calibrate \
+             robot`), or take poses over the whole working volume",
+            found.poses_each
+        ));
+    }
     outcome.add_line(format!(
         "picture and robot disagree by {:.3} mm and {:.4}° rms; found noise: corners {:.3} px, robot {:.3} mm and {turn_deg:.4}°",
         found.rms_mm, found.rms_deg, noise.corner, noise.shift_mm

@@ -14,6 +14,7 @@ use crate::removal::fit::{Fitted, fit};
 use crate::removal::gate;
 use crate::removal::model::MM2_PER_M2;
 use crate::removal::pad::Pad;
+use crate::removal::power::Power;
 use crate::removal::speed::Orbit;
 use crate::removal::table::read_coupons;
 use crate::verdict::{Judgement, Reason};
@@ -42,8 +43,8 @@ pub fn run(args: &Args) -> Result<Outcome, Fault> {
     let left_out = found.left_out.iter().map(|one| one.map_or(f64::NAN, |one| 100.0 * one.off.abs()));
     let residuals = if found.left_out.iter().all(Option::is_some) { left_out.collect() } else { vec![] };
     let made = provenance(vec![content_hash(&bytes)], residuals);
-    let text =
-        RemovalCalibration::text_of(&numbers(&found, (&coupons, &tool)), coupons.len(), (date::today(), &made));
+    let counts = (coupons.len(), found.discs.map_or(0, |discs| discs.count));
+    let text = RemovalCalibration::text_of(&numbers(&found, (&coupons, &tool)), counts, (date::today(), &made));
     RemovalCalibration::check(&args.out.display().to_string(), &text)?;
     keep(&mut outcome, &judgement, &args.out, &text)?;
     Ok(outcome)
@@ -59,12 +60,16 @@ fn refused(message: String, args: &Args) -> Outcome {
 }
 
 /// Returns the numbers of the file with their keys.
-fn numbers(found: &Fitted, (coupons, tool): (&[Coupon], &CouponTool)) -> [(&'static str, f64); 12] {
+fn numbers(found: &Fitted, (coupons, tool): (&[Coupon], &CouponTool)) -> Vec<(&'static str, f64)> {
     let force_n =
         |of: fn(f64, f64) -> f64| coupons.iter().map(|coupon| coupon.force_n).reduce(of).unwrap_or(f64::NAN);
     let [k, b] = [0, 1].map(|index| found.covariance[(index, index)].sqrt());
     let correlation = if k * b > 0.0 { found.covariance[(0, 1)] / (k * b) } else { 0.0 };
-    [
+    let law = found.powers.force.map_or_else(Vec::new, |power| {
+        vec![("force_power", power.value), ("force_power_uncertainty", power.uncertainty)]
+    });
+    let discs = found.discs.map(|discs| ("disc_deviation_percent", 100.0 * discs.deviation));
+    let always = [
         ("preston_mm2_per_n", found.preston_mm2_per_n),
         ("preston_deviation_percent", 100.0 * k),
         ("wear_per_m2", found.decay_per_mm2 * MM2_PER_M2),
@@ -77,7 +82,14 @@ fn numbers(found: &Fitted, (coupons, tool): (&[Coupon], &CouponTool)) -> [(&'sta
         ("pad_n_mm3", tool.pad.stiffness_n_mm3),
         ("orbit_mm", tool.orbit.diameter_mm),
         ("orbit_rev_min", tool.orbit.speed_rev_min),
-    ]
+    ];
+    always.into_iter().chain(law).chain(discs).collect()
+}
+
+fn power_words(power: Option<Power>) -> String {
+    power.map_or("(unknown)".to_owned(), |power| {
+        format!("{} ± {}", fixed(power.value, 2), fixed(power.uncertainty, 2))
+    })
 }
 
 fn report_result(outcome: &mut Outcome, found: &Fitted, coupons: &[Coupon]) {
@@ -89,7 +101,12 @@ fn report_result(outcome: &mut Outcome, found: &Fitted, coupons: &[Coupon]) {
     outcome.put("wear_uncertainty_per_m2", json!(wear_95));
     outcome.put("coupon_deviation_percent", json!(100.0 * found.coupon_deviation));
     outcome.put("left_out_percent", json!(100.0 * found.left_out_rms()));
-    outcome.put("power", json!({"value": found.power[0], "uncertainty": found.power[1]}));
+    let power = |power: Power| json!({"value": power.value, "uncertainty": power.uncertainty});
+    outcome.put("power", power(found.power));
+    outcome.put("force_power", json!(found.powers.force.map(power)));
+    outcome.put("passes_power", json!(found.powers.passes.map(power)));
+    outcome.put("discs", json!(found.discs.map(|discs| discs.count)));
+    outcome.put("disc_deviation_percent", json!(found.discs.map(|discs| 100.0 * discs.deviation)));
     outcome.add_line(format!(
         "k of a new disc {:.3e} mm²/N ± {} % (95 %)",
         found.preston_mm2_per_n,
@@ -105,6 +122,17 @@ fn report_result(outcome: &mut Outcome, found: &Fitted, coupons: &[Coupon]) {
         coupons.len(),
         fixed(100.0 * found.coupon_deviation, 1),
         fixed(100.0 * found.left_out_rms(), 1)
+    ));
+    outcome.add_line(match found.discs {
+        Some(discs) => {
+            format!("{} discs, which differ by {} % (σ)", discs.count, fixed(100.0 * discs.deviation, 1))
+        }
+        None => "the scatter from disc to disc is not known".to_owned(),
+    });
+    outcome.add_line(format!(
+        "the depth goes with the {} power of the force and the {} power of the passes",
+        power_words(found.powers.force),
+        power_words(found.powers.passes)
     ));
     outcome.add_line("coupon            line   measured µm   by the others µm   off %".to_owned());
     let mut told = Vec::with_capacity(coupons.len());

@@ -5,8 +5,8 @@
 
 use super::CameraError;
 use crate::devices::mock::MockHandle;
-use crate::geometry::{Base, ColorPicture, Flange, Rigid};
-use crate::sim::BoardCell;
+use crate::geometry::{Base, Camera, ColorPicture, Flange, OrganizedCloud, Rigid};
+use crate::sim::{BoardCell, BoardShot, ScannerDistortion};
 
 /// Which camera is used, and the place of the board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -48,14 +48,8 @@ impl SimulatedBoards {
     /// # Errors
     /// If the arm moves.
     pub fn capture(&mut self) -> Result<(ColorPicture, Option<Rigid<Base, Flange>>), CameraError> {
-        let number = self.taken;
-        self.taken += 1;
+        let (number, stood) = self.next()?;
         let (scanner, flange_camera) = (self.cell.scanner(), self.cell.flange_camera());
-        let stood = self.arm.as_ref().map(|arm| arm.with(|arm| (arm.is_moving(), arm.flange_pose())));
-        if stood.is_some_and(|(moving, _)| moving) {
-            return Err(CameraError::ArmMoves);
-        }
-        let stood = stood.map(|(_, flange)| flange);
         let (picture, flange) = match self.view {
             BoardView::FixedByHand => {
                 let shots = self.cell.lens_shots::<crate::geometry::Camera>(&scanner, number + 1);
@@ -66,10 +60,7 @@ impl SimulatedBoards {
                 (self.cell.picture(&flange_camera, &shots[number]), None)
             }
             BoardView::Fixed => {
-                let shot = match stood {
-                    Some(flange) => self.cell.fixed_view(number as u64, flange),
-                    None => self.cell.fixed_shots(number + 1)[number],
-                };
+                let shot = self.on_flange(number, stood);
                 (self.cell.picture(&scanner, &shot), Some(shot.base_from_flange))
             }
             BoardView::Flange => {
@@ -81,5 +72,35 @@ impl SimulatedBoards {
             }
         };
         Ok((picture.to_color(), flange))
+    }
+
+    /// Returns the next 3D shot of the board on the flange by the fixed camera, and the flange pose that the
+    /// controller reports.
+    ///
+    /// # Errors
+    /// If the arm moves.
+    pub fn scan(&mut self) -> Result<(OrganizedCloud<Camera>, Rigid<Base, Flange>), CameraError> {
+        let (number, stood) = self.next()?;
+        let shot = self.on_flange(number, stood);
+        let exact = ScannerDistortion::new(0, 0.0);
+        Ok((self.cell.real_scan(&shot, &exact), shot.base_from_flange))
+    }
+
+    /// Returns the number of the next shot, and the flange's pose if there is an arm.
+    fn next(&mut self) -> Result<(usize, Option<Rigid<Base, Flange>>), CameraError> {
+        let number = self.taken;
+        self.taken += 1;
+        match self.arm.as_ref().map(|arm| arm.with(|arm| (arm.is_moving(), arm.flange_pose()))) {
+            Some((true, _)) => Err(CameraError::ArmMoves),
+            stood => Ok((number, stood.map(|(_, flange)| flange))),
+        }
+    }
+
+    /// The fixed camera's view of the board on the flange.
+    fn on_flange(&self, number: usize, stood: Option<Rigid<Base, Flange>>) -> BoardShot<Camera> {
+        match stood {
+            Some(flange) => self.cell.fixed_view(number as u64, flange),
+            None => self.cell.fixed_shots(number + 1)[number],
+        }
     }
 }

@@ -183,8 +183,17 @@ fn by_coupons(truth: &Truth, random: &mut Pcg64Mcg) -> Model {
         .map(|index| {
             let (passes, worn_mm2) = ([1.0, 2.0, 4.0][index % 3], 120_000.0 * (index / 3) as f64);
             let (line, name, lines) = (index as u64 + 2, format!("C{index}"), Lines::One);
-            let coupon =
-                Coupon { line, name, force_n: FORCE_N, feed_mm_s: 60.0, passes, lines, worn_mm2, depth_um: 0.0 };
+            let coupon = Coupon {
+                line,
+                name,
+                disc: None,
+                force_n: FORCE_N,
+                feed_mm_s: 60.0,
+                passes,
+                lines,
+                worn_mm2,
+                depth_um: 0.0,
+            };
             let k = truth.preston_mm2_per_n * (-truth.decay_per_mm2 * worn_mm2).exp();
             let differs = PIECE_DEVIATION.hypot(MEASURED_DEVIATION) * normal(random);
             let depth_um = 1_000.0 * k * coupon.exposure_n_mm(&tool) * differs.exp();
@@ -197,10 +206,12 @@ fn by_coupons(truth: &Truth, random: &mut Pcg64Mcg) -> Model {
         decay_per_mm2: found.decay_per_mm2,
         covariance: found.covariance,
         coupon_deviation: found.coupon_deviation,
+        disc_deviation: 0.0,
         redundancy: found.redundancy(),
         orbit: ORBIT,
         pad_n_mm3: PAD.stiffness_n_mm3,
         forces_n: Some([FORCE_N; 2]),
+        force_power: found.powers.force,
     }
 }
 

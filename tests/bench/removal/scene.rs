@@ -26,10 +26,12 @@ pub fn exact_model() -> Model {
         decay_per_mm2: 0.0,
         covariance: nalgebra::Matrix2::zeros(),
         coupon_deviation: 0.0,
+        disc_deviation: 0.0,
         redundancy: 1e4,
         orbit: ORBIT,
         pad_n_mm3: PAD.stiffness_n_mm3,
         forces_n: Some([FORCE_N; 2]),
+        force_power: None,
     }
 }
 

@@ -42,7 +42,9 @@ pub(super) fn say_mount(outcome: &Outcome) -> bool {
         tell("enough: no further pose makes the mount's error smaller");
         return verdict != Verdict::Accept.word();
     };
-    let is_worth = next_mm < MAX_REMAINING_SHARE * uncertainty_mm && uncertainty_mm > WELL_KNOWN_MM;
+    // The next pose is chosen for the pictures: its error is compared with theirs, not with that of the points.
+    let by_pictures_mm = number("picture_uncertainty_mm").unwrap_or(uncertainty_mm);
+    let is_worth = next_mm < MAX_REMAINING_SHARE * by_pictures_mm && by_pictures_mm > WELL_KNOWN_MM;
     let worth = if is_worth { "next" } else { "enough poses; the most useful further pose" };
     tell(&format!("{worth}: flange {pose}, for ± {next_mm:.3} mm"));
     is_worth || verdict != Verdict::Accept.word()

@@ -3,6 +3,7 @@
 //! command does on files.
 //!
 //! Pictures stay in the folder of `--live`, poses in its `poses.toml`; an interrupted session continues at its end.
+//! For the mount of the 3D camera they are 3D shots: its mount is computed from its own points.
 //! A person moves the board or the arm and presses Enter, or with `--count` has some seconds for it. With `--move`
 //! the arm moves automatically, through the gates of `panelprep robot move-j`.
 //!
@@ -60,11 +61,11 @@ pub fn lens(args: &Intrinsics, common: &Common, progress: &(dyn Fn(&str) + Sync)
         CameraName::FlangeCamera => opening::lens(cell.flange_camera())?,
     };
     let mut view = View::open(&cell, (view, &board), (&args.live, known), progress)?;
-    let mut session = Session::new((folder, &args.live), &board, boards::window(&named))?;
+    let mut session = Session::new((folder, &args.live), (&board, boards::window(&named)), None)?;
     let on_files = |images: Vec<PathBuf>, out: PathBuf| Intrinsics { images, out, pictures: None, ..args.clone() };
     while session.taken() < MAX_PICTURES && session.ask()? == Choice::Take {
-        let (picture, _) = view.capture()?;
-        if session.keep(&picture, None)? && session.found() >= crate::calib::intrinsics::MIN_VIEWS {
+        let (taken, _) = view.capture()?;
+        if session.keep(&taken, None)? && session.found() >= crate::calib::intrinsics::MIN_VIEWS {
             let so_far = on_files(session.pictures(), folder.join("so_far.toml"));
             say_lens(&intrinsics::run(&so_far, &|_| ())?);
         }
@@ -86,7 +87,7 @@ pub fn mount(args: &HandEye, common: &Common, progress: &(dyn Fn(&str) + Sync)) 
         MountName::EyeToHand => BoardView::Fixed,
         MountName::EyeInHand => BoardView::Flange,
     };
-    let mut session = Session::new((folder, &args.live), &board, boards::window(&args.board))?;
+    let mut session = Session::new((folder, &args.live), (&board, boards::window(&args.board)), Some(camera))?;
     let so_far = || {
         let on_files = HandEye {
             poses: Some(folder.join(session::POSES)),
@@ -103,9 +104,9 @@ pub fn mount(args: &HandEye, common: &Common, progress: &(dyn Fn(&str) + Sync)) 
         let poses = FlangePoses::new(&cell);
         while session.taken() < MAX_PICTURES && session.ask()? == Choice::Take {
             let before = poses.now();
-            let (picture, from_camera) = view.capture()?;
+            let (taken, from_camera) = view.capture()?;
             let Some(flange) = poses.known_or_asked(before, from_camera)? else { continue };
-            if session.keep(&picture, Some(&flange))? && session.found() >= MIN_STATIONS {
+            if session.keep(&taken, Some(&flange))? && session.found() >= MIN_STATIONS {
                 say_mount(&so_far()?);
             }
         }

@@ -68,7 +68,7 @@ pub fn run(
     let mut view = match &simulated {
         Some(simulated) if view::is_simulated(cell, kind) => {
             let arm = Some(simulated.server.handle());
-            View::Boards(view::simulated((kind, board), (&args.live, Some(camera)), arm)?)
+            View::simulated((kind, board), (&args.live, Some(camera)), arm)?
         }
         _ => View::open(cell, (kind, board), (&args.live, Some(camera)), progress)?,
     };
@@ -152,8 +152,8 @@ impl Tour<'_, '_> {
 const MAX_TURN_DEG: f64 = 90.0;
 
 fn look(view: &mut View, tour: &Tour<'_, '_>, session: &mut Session<'_>) -> Result<bool, Fault> {
-    let (picture, _) = view.capture()?;
-    session.keep(&picture, Some(&tour.flange_pose()?))
+    let (taken, _) = view.capture()?;
+    session.keep(&taken, Some(&tour.flange_pose()?))
 }
 
 /// The distance of the board along the flange's Z axis. If the camera is on the flange, it is the distance of the

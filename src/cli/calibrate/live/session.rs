@@ -4,13 +4,14 @@ use super::super::super::disk;
 use super::super::super::fault::Fault;
 use super::super::super::output::{answer, tell_line as tell};
 use super::super::args::LiveArgs;
+use super::super::board_image::BoardImage;
 use super::super::pose_keys;
 use crate::calib::Board;
 use crate::calib::detect;
 use crate::calib::intrinsics::coverage;
 use crate::devices::cameras::PictureQuality;
 use crate::files::{self, ReportedFlange};
-use crate::geometry::ColorPicture;
+use crate::geometry::{Camera, ColorPicture, OrganizedCloud, PinholeCamera};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -19,6 +20,17 @@ pub const POSES: &str = "poses.toml";
 
 /// A picture with a mean grey level below this is too dark to show anything.
 const DARK: f64 = 20.0;
+
+/// File endings of pictures and of 3D shots.
+const ENDINGS: [&str; 2] = ["png", "pcd"];
+
+/// What a camera delivered.
+pub enum Taken {
+    /// A picture.
+    Picture(ColorPicture),
+    /// A 3D shot.
+    Scan(OrganizedCloud<Camera>),
+}
 
 /// The choice of a person.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -42,25 +54,36 @@ pub struct Session<'a> {
 }
 
 impl<'a> Session<'a> {
-    /// Continues with the contents of the folder.
+    /// Continues with the contents of the folder. 3D shots are read with their camera's lens.
     ///
     /// # Errors
     /// If a file in it cannot be read.
     pub fn new(
         (folder, args): (&'a Path, &LiveArgs),
-        board: &'a Board,
-        window: Option<usize>,
+        (board, window): (&'a Board, Option<usize>),
+        camera: Option<PinholeCamera>,
     ) -> Result<Self, Fault> {
         let file = folder.join(POSES);
         let poses = if file.is_file() { disk::read_text(&file)? } else { String::new() };
         let every = Duration::from_secs(u64::from(args.every_s));
         let unasked = args.count.map(|count| (count as usize, every));
         let mut session = Session { folder, unasked, board, window, pictures: Vec::new(), found: 0, poses };
-        let earlier = (1..).map(|number| session.named(number)).take_while(|picture| picture.is_file());
-        session.pictures = earlier.collect();
+        let earlier = |number| {
+            let named = |ending: &&str| session.named(number, ending);
+            // Without a lens there is no reading of a 3D shot: it belongs to a session of another command.
+            ENDINGS[..if camera.is_some() { 2 } else { 1 }].iter().map(named).find(|picture| picture.is_file())
+        };
+        session.pictures = (1..).map_while(earlier).collect();
         for picture in &session.pictures {
-            let gray = files::read_gray(&disk::read(picture)?).map_err(|error| Fault::file(picture, error))?;
-            session.found += usize::from(detect::detect("picture", &gray, board, window).is_ok());
+            let is_found = match camera {
+                Some(camera) => BoardImage::read(picture, &camera)?.detect(board, window).is_ok(),
+                None => {
+                    let gray =
+                        files::read_gray(&disk::read(picture)?).map_err(|error| Fault::file(picture, error))?;
+                    detect::detect("picture", &gray, board, window).is_ok()
+                }
+            };
+            session.found += usize::from(is_found);
         }
         if !session.pictures.is_empty() {
             let (taken, found) = (session.pictures.len(), session.found);
@@ -69,8 +92,8 @@ impl<'a> Session<'a> {
         Ok(session)
     }
 
-    fn named(&self, number: usize) -> PathBuf {
-        self.folder.join(format!("board_{number:04}.png"))
+    fn named(&self, number: usize, ending: &str) -> PathBuf {
+        self.folder.join(format!("board_{number:04}.{ending}"))
     }
 
     /// The largest number of pictures to take.
@@ -119,9 +142,16 @@ impl<'a> Session<'a> {
     ///
     /// # Errors
     /// If writing to the disk fails.
-    pub fn keep(&mut self, picture: &ColorPicture, flange: Option<&ReportedFlange>) -> Result<bool, Fault> {
-        let file = self.named(self.taken() + 1);
-        disk::write(&file, files::write_color_png(picture).map_err(Fault::stage)?)?;
+    pub fn keep(&mut self, taken: &Taken, flange: Option<&ReportedFlange>) -> Result<bool, Fault> {
+        let (ending, bytes, picture) = match taken {
+            Taken::Picture(picture) => {
+                (ENDINGS[0], files::write_color_png(picture).map_err(Fault::stage)?, picture.clone())
+            }
+            Taken::Scan(cloud) => (ENDINGS[1], files::write_pcd(cloud), cloud.picture()),
+        };
+        let picture = &picture;
+        let file = self.named(self.taken() + 1, ending);
+        disk::write(&file, bytes)?;
         let name = file.file_name().map_or(String::new(), |name| name.to_string_lossy().into_owned());
         if let Some(flange) = flange {
             self.poses += &format!("[[poses]]\nimage = \"{name}\"\n{}\n", pose_keys(flange));

@@ -6,20 +6,23 @@ use super::super::super::load::CellFiles;
 use super::super::super::render_boards::ROBOT;
 use super::super::super::shoot::opening::{self, Wanted};
 use super::super::args::LiveArgs;
+use super::session::Taken;
 use crate::calib::Board;
 use crate::devices::cameras::{BoardView, FlangeCamera, Scanner, SimulatedBoards};
 use crate::devices::mock::MockHandle;
-use crate::geometry::{Base, ColorPicture, Flange, PinholeCamera, Rigid};
+use crate::geometry::{Base, Flange, PinholeCamera, Rigid};
 use crate::sim::{BoardCell, BoardPrint};
 
 /// The camera.
 pub enum View {
     /// The fixed camera, with its colour picture.
     Scanner(Box<dyn Scanner>),
+    /// The fixed camera, with its 3D shot: its mount is computed from its own points.
+    Scans(Box<dyn Scanner>),
     /// The camera on the flange.
     Flange(Box<dyn FlangeCamera>),
-    /// A simulated one.
-    Boards(SimulatedBoards),
+    /// A simulated one; its pictures are 3D shots if the flag is true.
+    Boards(SimulatedBoards, bool),
 }
 
 impl View {
@@ -34,29 +37,53 @@ impl View {
         progress: &(dyn Fn(&str) + Sync),
     ) -> Result<Self, Fault> {
         if is_simulated(cell, view) {
-            return Ok(View::Boards(simulated((view, board), (args, lens), None)?));
+            return View::simulated((view, board), (args, lens), None);
         }
-        let is_fixed = view.is_fixed();
-        let wanted =
-            Wanted { shot: if is_fixed { Shot::Picture } else { Shot::Corner }, simulation: args.simulation };
-        Ok(match is_fixed {
-            true => View::Scanner(opening::scanner(cell, &wanted, progress)?.camera),
-            false => View::Flange(opening::flange_camera(cell, &wanted, progress)?.camera),
+        let wanted = |shot| Wanted { shot, simulation: args.simulation };
+        Ok(match view {
+            BoardView::Fixed => View::Scans(opening::scanner(cell, &wanted(Shot::Scan), progress)?.camera),
+            BoardView::FixedByHand => {
+                View::Scanner(opening::scanner(cell, &wanted(Shot::Picture), progress)?.camera)
+            }
+            BoardView::Flange | BoardView::FlangeByHand => {
+                View::Flange(opening::flange_camera(cell, &wanted(Shot::Corner), progress)?.camera)
+            }
         })
     }
 
-    /// Takes a picture; returns it with the flange's pose if the camera's source knows it.
+    /// The simulated cell's camera, in front of a board.
+    ///
+    /// # Errors
+    /// If the board is not a chessboard: no other one is simulated here.
+    pub fn simulated(
+        (view, board): (BoardView, &Board),
+        (args, lens): (&LiveArgs, Option<PinholeCamera>),
+        arm: Option<MockHandle>,
+    ) -> Result<Self, Fault> {
+        let boards = SimulatedBoards::new(board_cell((view, board), (args, lens))?, view, arm);
+        Ok(View::Boards(boards, view == BoardView::Fixed))
+    }
+
+    /// Takes a picture or a 3D shot; returns it with the flange's pose if the camera's source knows it.
     ///
     /// # Errors
     /// If the camera does not deliver.
-    pub fn capture(&mut self) -> Result<(ColorPicture, Option<Rigid<Base, Flange>>), Fault> {
+    pub fn capture(&mut self) -> Result<(Taken, Option<Rigid<Base, Flange>>), Fault> {
         Ok(match self {
-            View::Scanner(camera) => (camera.capture_2d().map_err(Fault::stage)?.picture, None),
+            View::Scanner(camera) => (Taken::Picture(camera.capture_2d().map_err(Fault::stage)?.picture), None),
+            View::Scans(camera) => (Taken::Scan(camera.capture_3d().map_err(Fault::stage)?.cloud), None),
             View::Flange(camera) => {
                 let taken = camera.capture().map_err(Fault::stage)?;
-                (taken.picture, taken.base_from_flange)
+                (Taken::Picture(taken.picture), taken.base_from_flange)
             }
-            View::Boards(camera) => camera.capture().map_err(Fault::stage)?,
+            View::Boards(camera, true) => {
+                let (cloud, flange) = camera.scan().map_err(Fault::stage)?;
+                (Taken::Scan(cloud), Some(flange))
+            }
+            View::Boards(camera, false) => {
+                let (picture, flange) = camera.capture().map_err(Fault::stage)?;
+                (Taken::Picture(picture), flange)
+            }
         })
     }
 }
@@ -69,22 +96,10 @@ pub fn is_simulated(cell: &CellFiles, view: BoardView) -> bool {
     }
 }
 
-/// The simulated cell's board, as this camera sees it.
-///
-/// # Errors
-/// If the board is not a chessboard: no other one is simulated here.
-pub fn simulated(
-    (view, board): (BoardView, &Board),
-    (args, lens): (&LiveArgs, Option<PinholeCamera>),
-    arm: Option<MockHandle>,
-) -> Result<SimulatedBoards, Fault> {
-    Ok(SimulatedBoards::new(board_cell((view, board), (args, lens))?, view, arm))
-}
-
 /// Returns the simulated cell's board in the form that the renderer needs.
 ///
 /// # Errors
-/// As [`simulated`].
+/// As [`View::simulated`].
 pub fn board_cell(
     (view, board): (BoardView, &Board),
     (args, lens): (&LiveArgs, Option<PinholeCamera>),

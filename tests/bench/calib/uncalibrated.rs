@@ -1,0 +1,111 @@
+//! Mounts that were measured with an arm that was not calibrated: its errors are alike in neighbouring poses.
+//!
+//! The truth is the mount in the arm's own coordinates, in which poses are commanded: the one that exact pictures
+//! from all over the volume give. The poses are taken all over the volume, or in three regions of it, as a person
+//! takes them who jogs the arm a little between two pictures.
+
+use super::boards::{self, CORNER_PX, Lens, Side};
+use super::{row, share};
+use panelprep::calib::hand_eye::hand_eye;
+use panelprep::calib::{BoardObservation, HandEye, Station};
+use panelprep::cell::{FlangeCameraMount, ScannerMount};
+use panelprep::geometry::{Base, Flange, Rigid};
+use panelprep::sim::{RealArm, RobotNoise};
+use rayon::prelude::*;
+
+const SEEDS: u64 = 40;
+const ERRORS_MM: [f64; 2] = [0.3, 1.0];
+/// Shots that are drawn; the arm comes to most of them.
+const DRAWN: usize = 40;
+const REGIONS: usize = 3;
+const POSES_EACH: usize = 5;
+/// A turn of one radian counts as this distance between poses, mm.
+const LEVER_MM: f64 = 300.0;
+const REPEAT: RobotNoise = RobotNoise { shift_mm: 0.01, turn_deg: 0.001 };
+const EXACT: RobotNoise = RobotNoise { shift_mm: 0.0, turn_deg: 0.0 };
+/// Noise of the corners for the truth, px: an adjustment needs some noise.
+const EXACT_PX: f64 = 0.005;
+/// Every corner of this number is used: the arm's errors are much larger than those of corners.
+const EVERY_CORNER: usize = 7;
+
+/// The share of mounts within the stated bound, and how many times larger than the median error it may be.
+const HELD: f64 = 0.90;
+const MAX_STATED: f64 = 8.0;
+
+/// Compares the stated bound with the error; returns the number of missed floors.
+pub fn arms() -> usize {
+    let both = |error_mm| mounts::<ScannerMount>(error_mm) + mounts::<FlangeCameraMount>(error_mm);
+    ERRORS_MM.into_iter().map(both).sum()
+}
+
+fn stations<A: Side>(seed: u64, error_mm: f64, (robot, noise_px): (RobotNoise, f64)) -> Vec<Station<A::From>> {
+    let (cell, arm) = (boards::cell(seed, robot), RealArm::new(seed, error_mm));
+    let camera = A::camera(&cell);
+    let station = |shot: &panelprep::sim::BoardShot<A::From>| {
+        let corners = cell.corners(&camera, shot, noise_px).into_iter().step_by(EVERY_CORNER).collect();
+        Some(Station {
+            name: shot.index.to_string(),
+            base_from_flange: arm.reported(&shot.base_from_flange)?.base_from_flange,
+            seen: BoardObservation::Pixels(corners),
+        })
+    };
+    A::shots(&cell, DRAWN).iter().filter_map(station).collect()
+}
+
+/// Returns poses in regions that are far from each other, each with its neighbours.
+fn in_regions<A: Side>(all: &[Station<A::From>]) -> Vec<Station<A::From>> {
+    let distance_mm = |one: &Station<A::From>, other: &Station<A::From>| {
+        let [one, other]: [Rigid<Base, Flange>; 2] = [one.base_from_flange, other.base_from_flange];
+        one.origin().distance_mm(other.origin()).hypot(LEVER_MM * (one.inverse() * other).turn().rad())
+    };
+    let mut middles = vec![&all[0]];
+    while middles.len() < REGIONS {
+        let from_all = |own: &Station<A::From>| {
+            middles.iter().map(|middle| distance_mm(own, middle)).fold(f64::INFINITY, f64::min)
+        };
+        middles.extend(all.iter().max_by(|a, b| from_all(a).total_cmp(&from_all(b))));
+    }
+    let mut left: Vec<&Station<A::From>> = all.iter().collect();
+    let mut chosen = Vec::new();
+    for middle in middles {
+        left.sort_by(|a, b| distance_mm(a, middle).total_cmp(&distance_mm(b, middle)));
+        chosen.extend(left.drain(..POSES_EACH).cloned());
+    }
+    chosen
+}
+
+/// Returns the error, the stated bound and the number of poses that count as one; `None` if the poses are refused.
+fn judged<A: Side>(lens: &Lens, stations: &[Station<A::From>], own: &HandEye<A>) -> Option<(f64, f64, f64)> {
+    let found = hand_eye::<A>(&lens.camera, &boards::board(), stations, None).ok()?;
+    let error_mm = found.adjusted.to_from_camera.distance_at_mm(own.adjusted.to_from_camera, found.at);
+    Some((error_mm, found.uncertainty_mm, found.poses_each))
+}
+
+fn mounts<A: Side>(error_mm: f64) -> usize {
+    let one = |seed: u64| {
+        let lens = Lens::truth::<A>(&boards::cell(seed, EXACT));
+        let all = stations::<A>(seed, error_mm, (REPEAT, CORNER_PX));
+        let exact = stations::<A>(seed, error_mm, (EXACT, EXACT_PX));
+        let own = hand_eye::<A>(&lens.camera, &boards::board(), &exact, None).expect("the arm's own mount");
+        let over_volume = &all[..REGIONS * POSES_EACH];
+        [judged::<A>(&lens, over_volume, &own), judged::<A>(&lens, &in_regions::<A>(&all), &own)]
+    };
+    let found: Vec<_> = (1..=SEEDS).into_par_iter().map(one).collect();
+    let mut missed = 0;
+    for (index, poses) in ["all over the volume", "in three regions"].into_iter().enumerate() {
+        let known: Vec<(f64, f64, f64)> = found.iter().filter_map(|pair| pair[index]).collect();
+        let held = known.iter().filter(|(mm, stated_mm, _)| mm <= stated_mm).count() as f64 / known.len() as f64;
+        let median = |of: fn(&(f64, f64, f64)) -> f64| share(&mut known.iter().map(of).collect::<Vec<_>>(), 0.5);
+        let (mm, stated_mm, each) = (median(|one| one.0), median(|one| one.1), median(|one| one.2));
+        let good = held >= HELD && stated_mm <= MAX_STATED * mm && known.len() as u64 == SEEDS;
+        let numbers = format!(
+            "the stated 95 % hold in {:.1} % of {} seeds ({:.0} and more); median error {mm:.3} mm, stated {stated_mm:.3} mm, {each:.1} poses \
+             count as one",
+            100.0 * held,
+            known.len(),
+            100.0 * HELD
+        );
+        missed += row(&format!("{}, arm {error_mm} mm off, 15 poses {poses}", A::NAME), good, &numbers);
+    }
+    missed
+}
