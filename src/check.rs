@@ -1,10 +1,10 @@
 //! `panelprep check`: the kind of a file, its problems, and how the program understood it.
 //!
-//! The names at the top of a file decide its kind, so a file may have any name. A file that begins with `<` or is
-//! called `.xml` is an EthernetKRL file; several of these are checked for clashes with each other. Files called
-//! `.src`, `.sub` or `.dat` are KRL and are checked as one program. A file called `.yml` or `.yaml` contains the
-//! settings of a Zivid, or a lens as OpenCV, ROS or a Zivid writes it. Recipes that are checked together with one
-//! cell are compared with that cell.
+//! The names at the top of a file decide its kind, so a file may have any name. A file that begins with `<` or whose
+//! name ends with `.xml` is an EthernetKRL file; several of these are checked for clashes with each other. Files with
+//! names that end with `.src`, `.sub` or `.dat` are KRL and are checked as one program. A file with a name that ends
+//! with `.yml` or `.yaml` contains the settings of a Zivid, or a lens as OpenCV, ROS or a Zivid writes it. Recipes
+//! that are checked together with one cell are compared with that cell.
 
 mod controller;
 mod describe;
@@ -78,7 +78,7 @@ const fn mount<M: Mount>(keys: &'static [&'static str]) -> Kind {
 /// What the files are checked for.
 #[derive(Clone, Copy)]
 pub struct CheckedFor<'a> {
-    /// A cell's file must state all that this purpose needs. `None`: only what commands on files need.
+    /// A cell's file must state all that this purpose needs; with `None`, only what commands on files need.
     pub purpose: Option<Purpose>,
     /// Missing files that the cell names are a warning, not a problem.
     pub may_lack_files: bool,
@@ -96,7 +96,7 @@ pub fn check_files(files: &[(&str, &str)], purpose: Option<Purpose>) -> Vec<File
     check_files_for(files, &checked_for)
 }
 
-/// Checks configuration files as [`check_files`] does, and also against the purpose of the cell's files.
+/// Checks configuration files as [`check_files`] does, with the purpose and the other conditions of `checked_for`.
 pub fn check_files_for(files: &[(&str, &str)], checked_for: &CheckedFor<'_>) -> Vec<FileReport> {
     let mut channels = Vec::new();
     let mut programs = Vec::new();
@@ -351,8 +351,8 @@ mod tests {
         assert_eq!(check_file("CELLCMD.XML", "x = 3").kind, Some("EthernetKRL"));
     }
 
-    /// Calculated by hand: 2 atan(972 / 1785) = 57.1°, 2 atan(600 / 1784) = 37.2°. A recipe by itself is correct;
-    /// checked with a cell, it must be possible for the cell's tool.
+    /// Calculated by hand: 2 atan(972 / 1785) = 57.1°, 2 atan(600 / 1784) = 37.2°. A recipe by itself is correct; if
+    /// it is checked with a cell, the cell's tool must be able to execute it.
     #[test]
     fn recipes_are_held_against_the_cell() {
         let recipe = ("panel.toml", include_str!("../config/panels/example.toml"));

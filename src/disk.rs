@@ -8,7 +8,7 @@ use std::io::{Error, ErrorKind, Read, Result};
 use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
 use std::path::Path;
 
-/// The largest file that is read completely. The numbers of a full-size scan as text need a quarter of this.
+/// The largest file that is read completely. A full-size scan as text needs a quarter of this.
 pub const MAX_BYTES: u64 = 512 << 20;
 
 /// Opens a regular file for reading. Never waits for a writer.
@@ -16,8 +16,8 @@ pub const MAX_BYTES: u64 = 512 << 20;
 /// # Errors
 /// If the file does not exist, is a folder, a pipe, a socket or a device, or if the system refuses.
 pub fn open(file: &Path) -> Result<File> {
-    // Opening a device may already have an effect. Therefore the type of the named file is checked first, then that
-    // of the opened file.
+    // Opening a device may already have an effect, so the type is checked before the file is opened, and again after
+    // it is opened.
     is_regular(file.metadata()?.file_type())?;
     let without_waiting = rustix::fs::OFlags::NONBLOCK.bits().cast_signed();
     let opened = OpenOptions::new().read(true).custom_flags(without_waiting).open(file)?;

@@ -9,7 +9,7 @@ use opencv::core::{
 };
 use opencv::imgproc;
 
-/// OpenCV refused its input: the operation and OpenCV's own message.
+/// Reports that OpenCV refused its input: contains the operation and OpenCV's own message.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("OpenCV could not compute {operation}: {words}")]
 pub struct ImagingError {
@@ -19,7 +19,7 @@ pub struct ImagingError {
     pub words: String,
 }
 
-/// Names the operation in OpenCV's error.
+/// Adds the name of the operation to OpenCV's error.
 pub(crate) fn named<T>(operation: &'static str, result: opencv::Result<T>) -> Result<T, ImagingError> {
     result.map_err(|error| ImagingError { operation, words: error.message })
 }
@@ -91,7 +91,7 @@ pub fn pieces(mask: &Mask, by_corners: bool) -> Result<Vec<Vec<usize>>, ImagingE
     Ok(pieces)
 }
 
-/// Returns the corners of the smallest box around these pixels, rotated as needed (thesis Fig. 3.20).
+/// Returns the corners of the smallest rectangle around these pixels, which may be rotated (thesis Fig. 3.20).
 ///
 /// # Errors
 /// If OpenCV refuses the pixels, for example if there are none.

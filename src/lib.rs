@@ -5,7 +5,7 @@
 //! `supervision`, `trust`, `store`, `backup`, `broker`, `page`, `devices`, `archive`, `daemon` and `cli` use disk,
 //! sockets, processes and clocks.
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
-// A result is handled, or an `expect` next to it states why it is not.
+// Every result is handled, or an `expect` attribute next to it states why it is ignored.
 #![cfg_attr(not(test), deny(clippy::let_underscore_must_use))]
 // `println!` and similar macros panic if nothing reads the output: see `cli::output`.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]

@@ -1,20 +1,21 @@
 //! How numbers and times are written in sentences for people.
 //!
-//! A measured number and the limit that it violates are printed so that they differ. A rounded zero has no sign. A
-//! value that is no number is named as such.
+//! A measured number and the limit that it violates are printed so that they differ. A rounded zero has no sign. A NaN
+//! is named as such.
 
 use jiff::Timestamp;
 use jiff::civil::DateTime;
 use jiff::tz::Offset;
 use std::fmt::{self, Display, Formatter};
 
-/// Maximum number of digits after the point that are tried: further digits of a double have no effect here.
+/// Maximum number of digits after the point that are tried: more digits of a double carry no information.
 const MAX_DECIMALS: usize = 15;
 
-/// Checks a name or a remark that is shown on a page as it is.
+/// Checks a name or a remark that is shown on a page unchanged.
 ///
 /// # Errors
-/// States in words what is wrong: it is empty, longer than this many characters, or cannot be printed as it is.
+/// States in words what is wrong: it is empty, longer than this many characters, or contains characters that cannot be
+/// printed.
 pub fn printable(text: &str, most_characters: usize) -> Result<(), String> {
     match text.chars().count() {
         _ if text.trim() != text || text.is_empty() => {
@@ -88,7 +89,7 @@ pub fn list(numbers: &[f64]) -> String {
     format!("[{}]", numbers.iter().map(|number| plain(*number)).collect::<Vec<_>>().join(", "))
 }
 
-/// Returns the same as [`apart`] for shares 0…1, in percent.
+/// Returns the same as [`apart`] for fractions 0…1, in percent.
 pub fn percent_apart(found: f64, limit: f64, decimals: usize) -> [String; 2] {
     apart(100.0 * found, 100.0 * limit, decimals)
 }

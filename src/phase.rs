@@ -8,7 +8,7 @@ use strum::{Display, EnumString, IntoStaticStr, VariantArray};
 pub enum Phase {
     /// Before the water.
     Dry,
-    /// Under the spray: not yet fully wet, not examined.
+    /// Under the spray: not yet fully wet; such pictures are not examined.
     Spray,
     /// The water is off; the first such picture is the first fully wet one.
     Wet,

@@ -6,7 +6,7 @@ use std::io::{Error, ErrorKind};
 /// Returns this many random bytes.
 ///
 /// # Errors
-/// If the system has none yet, or fewer.
+/// If the operating system cannot provide them yet, or provides fewer.
 pub fn bytes<const N: usize>() -> std::io::Result<[u8; N]> {
     let mut bytes = [0; N];
     match getrandom(&mut bytes, GetRandomFlags::empty())? {

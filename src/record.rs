@@ -1,9 +1,9 @@
-//! The record that a cycle leaves behind: the inputs that it ran with, the findings of each phase, every motion,
-//! and how it ended.
+//! The record that a cycle leaves behind: the inputs that it ran with, the findings of each phase, every motion, and
+//! how it ended.
 //!
-//! Plain data between the phases that produce it, the store that keeps it and the report that shows it. Each number
-//! is stored with the limit that it was checked against, so that no one has to look the limit up in a recipe that
-//! has changed since. This module decides nothing.
+//! Plain data, which the phases produce, the store stores and the report shows. Each number is stored with the limit
+//! against which it was checked, so that no one has to look up the limit in a recipe that has changed since then. This
+//! module decides nothing.
 
 mod conclusion;
 mod contact;
@@ -37,7 +37,7 @@ pub struct Budget {
     pub fit_mm: Option<f64>,
     /// The robot and its tool.
     pub robot_mm: Option<f64>,
-    /// `[limits] tool_error_mm` of the cell: stated by people, used while a part is not measured.
+    /// `[limits] tool_error_mm` of the cell: stated by a person, and used while a part is not measured.
     pub stated_mm: Option<f64>,
 }
 
@@ -48,7 +48,7 @@ impl Budget {
         Some(parts.iter().map(|part| part * part).sum::<f64>().sqrt())
     }
 
-    /// Returns the budget without parts that are not finite: these were not measured.
+    /// Returns the budget without parts that are not finite, which count as not measured.
     pub fn finite(self) -> Budget {
         let part = |mm: Option<f64>| mm.filter(|mm| mm.is_finite());
         Budget {
@@ -60,7 +60,7 @@ impl Budget {
         }
     }
 
-    /// Returns this budget with the parts that `newer` contains in place of its own.
+    /// Returns this budget, in which the parts that `newer` contains replace its own.
     pub fn renewed(self, newer: Budget) -> Budget {
         Budget {
             hand_eye_mm: newer.hand_eye_mm.or(self.hand_eye_mm),
@@ -72,19 +72,19 @@ impl Budget {
     }
 }
 
-/// Code of the reason for the end of a cycle that may not abrade again the areas where the film broke: the part has
-/// its result.
+/// Code of the reason with which a cycle ends if the areas at which the film broke may not be abraded again: the
+/// part's result is final.
 pub const PASSES_USED: &str = "passes_used";
-/// The name of the kept text in which a start reports that the fixture holds another part than before.
+/// The name of the stored text in which a start reports that the fixture holds another part than before.
 pub const ANOTHER_PART: &str = "another_part";
 
-/// The clock by which a cycle ran.
+/// The clock with which a cycle ran.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Clock {
     /// The wall clock, as in every real cell.
     Wall,
-    /// By the simulated cell's own clock, which did not advance while nothing moved and ran as fast as the computer
+    /// The simulated cell's own clock, which did not advance while nothing moved and ran as fast as the computer
     /// could.
     Simulated {
         /// The clock's reading, ms.
@@ -96,7 +96,7 @@ pub enum Clock {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RecordingFile {
-    /// In the store's place for recordings, under the cycle's number.
+    /// In the store's folder for recordings, under the cycle's number.
     InStore,
     /// This one.
     Named(String),
@@ -123,7 +123,7 @@ pub struct CycleRecord {
     pub program_version: String,
     /// How the cycle ended; `None` while it runs.
     pub judgement: Option<Judgement>,
-    /// The error at the tool; `None` if the cycle never reached it.
+    /// The error at the tool; `None` if the cycle did not come so far.
     pub budget: Option<Budget>,
     /// What the phases found, in order.
     pub findings: Vec<Finding>,
@@ -133,7 +133,7 @@ pub struct CycleRecord {
     pub asked_before: Vec<RequestRecord>,
     /// The requests to the cell in this cycle, in order.
     pub asked: Vec<RequestRecord>,
-    /// The clock at the start of the cycle and at its conclusion, if they were kept.
+    /// The clock's readings at the start of the cycle and at its conclusion, if they were stored.
     pub clocks: [Option<Clock>; 2],
     /// The file in which the cycle is recorded.
     pub recording: Option<RecordingFile>,

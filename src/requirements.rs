@@ -39,7 +39,7 @@ pub fn incomplete(cell: &Cell, purpose: Purpose, read: ReadNamed<'_>) -> Vec<Unm
     unmet(cell, purpose).into_iter().chain(named_files::unmet(cell, purpose, read)).collect()
 }
 
-/// Returns the cameras, each with whether it is simulated.
+/// Returns the names of the cameras, each with a flag that states whether the camera is simulated.
 fn simulated(cell: &Cell) -> [(&'static str, bool); 2] {
     [
         ("scanner", matches!(cell.scanner(), Camera::Simulated)),
@@ -76,7 +76,8 @@ fn park(cell: &Cell) -> Vec<Unmet> {
     missing.into_iter().collect()
 }
 
-/// Checks whether the arm can be in the poses of a cycle, and turn its axes from one to the other.
+/// Checks that the arm can reach the poses of a cycle, and can turn its axes from one pose to the other without
+/// meeting an obstacle.
 fn poses(cell: &Cell) -> Vec<Unmet> {
     let (park, ready) = (cell.park(), cell.pose("ready"));
     let named: Vec<(&str, Joints)> =
@@ -85,8 +86,8 @@ fn poses(cell: &Cell) -> Vec<Unmet> {
     if !beyond.is_empty() {
         return beyond;
     }
-    // Without the tool, which a calibration determines: any obstacle of the arm alone is also an obstacle with a
-    // tool.
+    // The check ignores the tool, which a calibration determines: any obstacle of the arm alone is also an obstacle
+    // with a tool.
     let (arm, no_tool) = (Kinematics::new(cell.arm()), Rigid::claim(Isometry3::identity()));
     let first = named.first().map(|first| (*first, *first));
     let both = named.first().zip(named.get(1)).into_iter();
@@ -198,7 +199,7 @@ mod tests {
         unmet(&cell, purpose).into_iter().map(|unmet| unmet.key).collect()
     }
 
-    /// One change of the cell that ships, and the key that the change removes or spoils.
+    /// Each case is one change of the shipped cell's file, and the keys that are then reported.
     #[test]
     fn each_thing_that_a_cycle_would_refuse_is_named() {
         assert_eq!(keys(WHOLE, Purpose::Cycle), [""; 0]);

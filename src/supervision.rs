@@ -23,9 +23,9 @@ pub struct ThreadFault {
 /// How a thread fails.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Failure {
-    /// It panicked; the panic was reported at its place.
+    /// The thread panicked; the panic was reported where it occurred.
     Panicked,
-    /// It ended without a request to end.
+    /// The thread ended without a request to end.
     Ended,
     /// The thread has not answered for this time.
     Silent(Duration),
@@ -50,9 +50,9 @@ impl std::error::Error for ThreadFault {}
 /// A thread's last report about itself.
 #[derive(Debug, Clone, Copy)]
 enum Sign {
-    /// It worked at this time, and will report so again.
+    /// The thread worked at this time, and will report this again.
     Works(Instant),
-    /// It waits until it is given work; it may be silent.
+    /// The thread waits until it is given work; it may be silent.
     Rests,
     /// The thread ended normally.
     Done,
@@ -133,7 +133,7 @@ impl Watched {
     /// Checks whether the thread fails.
     ///
     /// # Errors
-    /// If it ended by itself or is silent for too long.
+    /// If the thread ended by itself or is silent for too long.
     pub fn check(&self) -> Result<(), ThreadFault> {
         self.0.fault().map_or(Ok(()), |what| Err(ThreadFault { thread: self.0.name.to_owned(), what }))
     }

@@ -24,7 +24,7 @@ const POSES: usize = 13;
 const MAX_DRAWS: usize = 400;
 const TIP_MM: [f64; 3] = [2.0, -3.0, 140.0];
 
-/// Runs the program: exit code, its object, its error output.
+/// Runs the program; returns its exit code, its JSON object and its error output.
 fn panelprep(folder: &Path, arguments: &str) -> (i32, Value, String) {
     let command = Command::new(env!("CARGO_BIN_EXE_panelprep"))
         .args(format!("{arguments} --json").split_whitespace())
@@ -48,7 +48,7 @@ fn wrong_arm(seed: u64) -> (Arm, [f64; ARM_NUMBERS]) {
     (arm, errors)
 }
 
-/// The axes of the arm at this pose, according to the drawing.
+/// Returns the arm's axis angles at this pose, according to the nominal geometry.
 fn axes(arm: &Arm, pose: &Rigid<Base, Flange>) -> Option<Joints> {
     reach::postures(&Kinematics::new(arm), pose, Point::at(0.0, 0.0, 0.0)).into_iter().next()
 }
@@ -58,7 +58,7 @@ fn list(joints: &Joints) -> String {
     format!("[{}]", all.join(", "))
 }
 
-/// Pictures of one side with the axes of each, at the arm's true poses.
+/// Saves pictures of one side with the axis angles of each picture, at the arm's true poses.
 fn pictures<A: Side>(
     folder: &Path,
     cell: &BoardCell,
@@ -73,7 +73,7 @@ fn pictures<A: Side>(
         let Some(joints) = axes(arm, &shot.base_from_flange) else { continue };
         let (drawn, seen) = (*shot.base_from_flange.isometry(), *shot.camera_from_board.isometry());
         let real = *base_from_flange(arm.geometry(), &joints, errors).isometry();
-        // The board's place according to the shot, and the camera's view of it from the arm's true pose.
+        // The board's pose according to the shot, and the camera's view of the board from the arm's true pose.
         let real_seen = match is_on_flange {
             true => (real * truth).inverse() * (drawn * truth * seen),
             false => truth.inverse() * real * (drawn.inverse() * truth * seen),

@@ -48,7 +48,7 @@ fn a_backup_beside_a_running_cycle_gives_the_same_records_elsewhere() {
     assert!(second["links"].as_i64() > made["links"].as_i64(), "the rest of the cycle: {second} {made}");
     let (exit, told) = json(folder, "backup second.tar.zst --cell cell/cell.toml");
     assert!(exit == 2 && told["reasons"].to_string().contains("is not overwritten"), "{told}");
-    // Read before the signal, which appears on the page of the last cycle.
+    // The pages are read before the signal, which appears on the page of the last cycle.
     let pages = [1, 2].map(|cycle| page(folder, "cell/cell.toml", cycle));
     service.signal(rustix::process::Signal::TERM);
     assert_eq!(service.ended().code(), Some(0));
@@ -66,8 +66,8 @@ fn a_backup_beside_a_running_cycle_gives_the_same_records_elsewhere() {
     let (exit, checked) = json(folder, "check --for cycle other/cell.toml other/recipe.toml");
     assert_eq!(exit, 0, "{checked}");
     assert!(!checked.to_string().contains("is not there"), "its calibrations came with it: {checked}");
-    // The backup does not contain the cell's later actions: a person looks first, and numbers continue above the
-    // last known.
+    // The backup does not contain the cell's later actions: a person must check the cell first, and numbers continue
+    // above the last known number.
     let cycle = "cycle --cell other/cell.toml --recipe other/recipe.toml --scene clean --seed 3";
     let (exit, told) = json(folder, cycle);
     assert!(exit == 2 && told["reasons"].to_string().contains("panelprep clear"), "{told}");
@@ -85,7 +85,7 @@ fn a_backup_beside_a_running_cycle_gives_the_same_records_elsewhere() {
     assert_eq!(service.state(), "aborted", "{}", service.log());
 }
 
-/// One changed bit, as a person meets it: a message, exit code 1, and nothing is changed.
+/// One bit of a backup is changed: the command prints a message, its exit code is 1, and nothing is changed.
 #[test]
 fn a_damaged_backup_is_told_and_changes_nothing() {
     let folder = super::commands::rendered("clean");

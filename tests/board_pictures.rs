@@ -133,7 +133,7 @@ fn normal(random: &mut Pcg64) -> f64 {
     (-2.0 * (1.0 - u).ln()).sqrt() * (std::f64::consts::TAU * v).cos()
 }
 
-/// A place at which the whole board is in the picture.
+/// Draws a pose at which the whole board is in the picture.
 fn place(print: &Print, camera: &PinholeCamera, hard: &Hard, random: &mut Pcg64) -> Isometry3<f64> {
     let (low, high) = print.size();
     let wide = high[0] - low[0];
@@ -380,8 +380,8 @@ pub fn judge(board: &Board, rendered: &Rendered, found: Option<&detect::Corners>
     }
 }
 
-/// Draws a mixture of difficulties with which a person can still see the board. The blur is limited to a part of
-/// the shorter side of a square (of a marker cell).
+/// Draws a mixture of difficulties with which a person can still see the board. The blur is limited to a part of the
+/// shorter side of a square, or of a marker's cell.
 pub fn mixture(board: &Board, camera: &PinholeCamera, seed: u64) -> Hard {
     let mut random = Pcg64::seed_from_u64(seed ^ 0xB0A2D);
     let mut between = |low: f64, high: f64| low + (high - low) * random.random::<f64>();

@@ -218,7 +218,7 @@ pub fn three_point_errors(seed: u64, noise_mm: f64, is_rendered: bool) -> [f64; 
     let cell = cell(seed, RobotNoise { shift_mm: 0.0, turn_deg: 0.0 });
     let camera = cell.scanner();
     let mut shot = cell.fixed_shots(1)[0];
-    // The operator holds the board at the later place of the panel, roughly facing the camera.
+    // The operator holds the board at the later position of the panel, roughly facing the camera.
     let middle = board().middle().mm.coords;
     let turn = nalgebra::UnitQuaternion::from_scaled_axis(nalgebra::Vector3::new(0.2, -0.25, 0.05));
     let place = cell.panel_middle().mm.coords - turn * middle;

@@ -14,7 +14,7 @@ use panelprep::calib::intrinsics::{LensModel, Options, calibrate};
 use panelprep::cell::{FlangeCameraMount, ScannerMount};
 use std::path::Path;
 
-/// Uses full-size rendered pictures, with the true lens and with this program's own.
+/// Uses full-size rendered pictures, with the true lens and with the lens that this program calibrated.
 fn mount_comes_back<A: Side>(seed: u64) {
     let cell = boards::cell(seed, GOOD_ROBOT);
     let shots = A::shots(&cell, POSES);

@@ -1,4 +1,4 @@
-//! Files complete for a cycle, or not: `check --for cycle`, `doctor` and `cycle` agree.
+//! Tests whether the files are complete for a cycle: `check --for cycle`, `doctor` and `cycle` agree.
 
 use super::commands::{json, panelprep, rendered};
 use std::fs;

@@ -116,8 +116,8 @@ fn the_unit_that_ships_is_hardened_and_lets_the_program_live() {
     }
 }
 
-/// The samples of Zivid settings are recognized as such; a file of this kind with a lit film is refused at its
-/// line.
+/// The samples of Zivid settings are recognized as such; a file for the film in which the camera's projector is on is
+/// refused at this line.
 #[test]
 fn the_camera_settings_that_ship_are_right() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/zivid");

@@ -120,8 +120,8 @@ fn a_cell_without_trouble_has_none_and_each_planted_one_is_named() {
     assert!(wrong(folder, DOCTOR)[0][1].contains("cannot open the store"));
 }
 
-/// A controller behind two sockets that is absent, is silent, sends wrong data, or is right; and a controller's own
-/// files.
+/// Distinguishes controllers behind two sockets that are absent, silent, send wrong data, or are right, and checks a
+/// controller's own files.
 #[test]
 fn what_answers_in_place_of_a_controller_is_told_apart() {
     let folder = rendered("clean");
@@ -207,8 +207,8 @@ fn what_answers_in_place_of_a_controller_is_told_apart() {
     }
 }
 
-/// The controller's files as a person would set them for this cell, beside the cell's folder, and their sum in the
-/// cell's file.
+/// Writes the controller's files as a person would set them for this cell, beside the cell's folder, and their
+/// checksum to the cell's file.
 fn controller_files(folder: &Path) {
     let config = include_str!("../config/kuka/cell_config.dat");
     let numbers = (1..=5).flat_map(|place| {

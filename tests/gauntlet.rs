@@ -145,7 +145,7 @@ fn spoil(random: &mut Pcg64Mcg, path: &mut Path) -> &'static str {
             "an axis too fast"
         }
         9 => {
-            // Moves back and forth on the spot, with hardly any rounding.
+            // Moves back and forth at one position, with hardly any rounding.
             path.legs.iter_mut().for_each(|leg| (leg.feed_mm_s, leg.blend_mm) = (900.0, 0.05));
             "an axis that speeds up too fast"
         }

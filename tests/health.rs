@@ -54,7 +54,7 @@ fn a_cycle_starts_only_on_verified_calibrations() {
     assert!(error_mm > 0.02 && error_mm < 0.5 && told["limit_mm"] == 0.8, "the mount is 0.1 mm, 0.01° off: {told}");
     refused(folder, &["not_verified"]);
 
-    // The taught corner, seen at the place where it was taught, also verifies the flange camera.
+    // The taught corner, seen at the pose at which it was taught, also verifies the flange camera.
     let corner = "calibrate verify --cell cell/cell.toml --camera flange-camera --recipe cell/recipe.toml \
                   --image cell/taught_corner.png --flange cell/taught_flange.json";
     let (exit, told) = json(folder, corner);
@@ -95,8 +95,8 @@ fn a_cycle_starts_only_on_verified_calibrations() {
     refused(folder, &["verification_old"]);
 }
 
-/// A board that is farther from its stated place than a bump could move it is refused, and nothing is kept. A
-/// verification that was kept can be struck out. It stays in the store with the person and the reason, and no older
+/// A board that is farther from its stated position than a bump could move it is refused, and nothing is stored. A
+/// verification that was stored can be struck out. It stays in the store with the person and the reason, and no older
 /// verification replaces it.
 #[test]
 fn a_look_that_says_nothing_is_refused_or_struck_out() {
@@ -140,7 +140,7 @@ fn a_look_that_says_nothing_is_refused_or_struck_out() {
     assert_eq!(json(folder, &strike.replace("strike 1", "strike 9")).0, 2);
 }
 
-/// An input that cannot be verified is an error, and the store keeps nothing from it.
+/// An input that cannot be verified is an error, and the store contains nothing from this input.
 #[test]
 fn a_look_without_its_target_is_refused() {
     let folder = rendered("good");

@@ -45,8 +45,8 @@ fn a_stop_comes_through_hostile_clients() {
     service.done("clear");
 }
 
-/// A client may have a recording written only in a new file, named by its whole plain path, outside of the store; and no
-/// text of a client begins a line of the log.
+/// A client can only request a recording in a new file outside of the store, which is named by its whole plain path.
+/// No text of a client begins a line of the log.
 #[test]
 fn no_client_names_a_file_of_the_store_or_forges_a_line() {
     let folder = taught("clean");

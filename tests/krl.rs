@@ -1,5 +1,5 @@
-//! Programs of other people: what `check` reports for each, what hostile programs cost, and a corpus of real
-//! programs if one exists.
+//! Third-party programs: what `check` reports for each, what hostile programs cost, and a corpus of real programs if
+//! one exists.
 
 use super::commands::panelprep;
 use super::fuzz::hostile_programs;

@@ -1,6 +1,6 @@
-//! Checks the controller's programs as text: their form, and their agreement with the EthernetKRL files, the
-//! client, the mock controller and the installation page. These tests do not replace a controller; they keep slips
-//! out of it.
+//! Checks the controller's programs as text: their form, and their agreement with the EthernetKRL files, the client,
+//! the mock controller and the installation page. These tests do not replace a controller; they keep slips out of the
+//! programs.
 
 mod agree;
 mod krl;
@@ -278,7 +278,7 @@ fn every_name_is_declared_and_every_call_fits() {
             assert!(!data.contains_key(local) && !routines.contains_key(local), "{}: {local}", routine.name);
         }
     });
-    // No program is left without a use.
+    // Every program is used.
     let code: Vec<String> =
         files.iter().flat_map(File::statements).flat_map(|statement| statement.words()).collect();
     let entry = [

@@ -88,7 +88,8 @@ fn a_clip_is_labelled_and_is_its_own_truth() {
     assert_eq!(clip["grids"].as_array().map(Vec::len), Some(24));
     assert_eq!(clip["now"]["said"], value!({"author": "", "clean": false, "breaks": []}));
 
-    // The place where the renderer's film broke first. It is used only to lay the label over a part of it.
+    // The position at which the renderer's film broke first. It is used only to lay the label over a part of this
+    // break.
     let truth = times(&folder.join("cell/truth/times.png"));
     let first = (0..truth.rgb.len()).filter(|&index| truth.rgb[index][2] == 255);
     let first = first.min_by_key(|&index| truth.rgb[index]).expect("something broke");

@@ -17,7 +17,7 @@ use syn::visit::{self, Visit};
 /// Layers at most.
 const MAX_LAYERS: usize = 9;
 
-/// The modules that touch the world outside of the program; all others are pure.
+/// The modules with access to the world outside of the program; all others are pure.
 const EDGE: [&str; 11] =
     ["disk", "supervision", "trust", "store", "backup", "broker", "page", "devices", "archive", "daemon", "cli"];
 

@@ -6,8 +6,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Licences that require only their name and text, so that the package may contain the crates. The MPL also
-/// requires the place of the unchanged sources: the package's licence file names each crate's repository.
+/// Licences that require only their name and text, so that the package may contain the crates. The MPL also requires a
+/// statement where the unchanged sources are: the package's licence file names each crate's repository.
 const ALLOWED: [&str; 14] = [
     "0BSD",
     "Apache-2.0",

@@ -1,5 +1,5 @@
-//! Whole cycles on request of a line: a simulated line beside the simulated cell, which knows only the controller's
-//! signals.
+//! Whole cycles at the request of a line: a simulated line beside the simulated cell, which knows only the
+//! controller's signals.
 
 use super::commands::json;
 use super::commands::taught::{LINE_INPUTS, LINE_OUTPUTS};

@@ -104,7 +104,7 @@ impl Bench {
         refine::refine(located, self.cell.flange_camera(), &views).unwrap_or_else(|error| panic!("{error}"))
     }
 
-    /// Distance of a corner from its true place, in the plane of the camera that sees it, mm.
+    /// Distance of a corner from its true position, in the plane of the camera that sees it, mm.
     fn error_in_plane_mm(&self, found: Rigid<Base, Panel>, corners: &Corners, index: usize) -> f64 {
         let truth = self.cell.truth();
         let camera_from_base = corners.seen[index].0.inverse();
@@ -121,7 +121,7 @@ fn verdict(bench: &Bench, scan: &OrganizedCloud<Camera>) -> Judgement {
     }
 }
 
-/// The displaced panel is 13.3 mm and 4.6° from its nominal place.
+/// The displaced panel is 13.3 mm and 4.6° from its nominal pose.
 #[test]
 fn a_displaced_panel_is_found_and_its_corner_corrects_it() {
     let bench = Bench::new(1, Scene::Good, 2);
@@ -136,7 +136,7 @@ fn a_displaced_panel_is_found_and_its_corner_corrects_it() {
         let error_mm = bench.error_in_plane_mm(refined.base_from_panel, &corners, 0);
         assert!(error_mm < 0.3, "{count}: {error_mm} mm, {refined:?}");
     }
-    // From a start 2 mm to the side, the corner brings the panel back to its place without 3D data.
+    // From a start 2 mm to the side, the corner corrects the panel's pose without 3D data.
     let aside = fit.base_from_panel.displaced(Vector::new([0.0, 1.2, -1.6].into()));
     let refined = bench.refine(aside, &corners, 1);
     assert!(bench.error_in_plane_mm(refined.base_from_panel, &corners, 0) < 0.2, "{refined:?}");
@@ -264,8 +264,8 @@ fn drawn(trial: &Trial) -> (TaughtPanel, Recipe) {
 }
 
 /// Only its outline holds a flat plate sideways. A holder in the plate's own plane, which was absent at teaching,
-/// makes no step in depth. If the recipe names the place, the plate is found within the stated error; otherwise it
-/// is not accepted.
+/// makes no step in depth. If the recipe names the holder's position, the plate is found within the stated error;
+/// otherwise it is not accepted.
 #[test]
 fn a_holder_in_the_panels_plane_is_left_out_where_it_is_named() {
     for seed in [1, 6] {
@@ -335,8 +335,8 @@ fn marks_hold_a_flat_panel_and_tell_it_from_its_mirror_image() {
         assert!(fit.marks_found.expect("marks") > 0.9, "{:?}", fit.marks_found);
         let plain = plain.expect("found");
         assert_eq!(plain.marks_found, None, "a plain plate has none, its weave is no mark");
-        // Leaves out the largest of the three: along the normal, the scan's own error counts, and no mark reduces
-        // it.
+        // The largest of the three values is left out: along the normal, the scan's own error counts, and no mark
+        // reduces this error.
         let sideways_mm = |fit: &Fit| {
             let shifts = fit.covariance.fixed_view::<3, 3>(3, 3).into_owned().symmetric_eigenvalues();
             (shifts.sum() - shifts.max()).sqrt()

@@ -8,7 +8,7 @@ use std::process::{Command, Stdio};
 
 const CELL: &str = "new cell --yes --no-search";
 
-/// Returns what `check` reports of a file, and whether the file would do for a cycle.
+/// Returns what `check` reports of a file, and whether the file is sufficient for a cycle.
 fn check(folder: &Path, files: &str) -> (i32, String) {
     let (exit, told) = json(folder, &format!("check {files}"));
     (exit, told.to_string())
@@ -248,7 +248,7 @@ fn an_answer_that_the_cell_cannot_have_is_asked_again() {
         assert!(exit == 2 && told.contains(words), "{given}: {told}");
         assert!(!folder.join("no.toml").exists());
     }
-    // A controller on this machine is a mock's: the cameras may be simulated.
+    // A controller on this machine is a mock controller: the cameras may be simulated.
     let (exit, told) = json(folder, &format!("{CELL} --robot eki --host 127.0.0.1 --out here.toml"));
     assert_eq!(exit, 0, "{told}");
 }

@@ -142,7 +142,7 @@ fn a_line_sees_and_runs_the_cell_as_each_role() {
         .collect();
     assert!(who.contains(&"operator, through OPC UA".to_owned()), "{who:?}");
     assert!(who.contains(&"viewer, through OPC UA".to_owned()), "a viewer stopped it: {who:?}");
-    // A flood of a thousand calls leaves only a few lines in the audit.
+    // A flood of a thousand calls leaves only a few lines in the audit trail.
     let lines = audit.iter().filter(|line| line.refused.as_deref() == Some("too many calls in a row")).count();
     assert!(lines <= 2, "{lines}");
 }

@@ -11,7 +11,7 @@ use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-/// A post in front of the lower left grids: a person must decide whether the panel is tested in spite of it.
+/// A post in front of the lower left grids: a person must decide whether the panel is tested in spite of the post.
 const POST: &str = "\n[[keep_out]]\nname = \"post\"\nmin_mm = [480, 60, 0]\nmax_mm = [700, 260, 270]\n";
 
 /// Adds an account, as a person at a terminal does.
@@ -187,8 +187,8 @@ pub fn one_cycle(service: &Service) {
     service.reach("complete");
 }
 
-/// Two hundred viewers look on and leave, one reads nothing, and one begins an endless request. In virtual time the
-/// robot does the same as without a page.
+/// Two hundred viewers watch the page and leave, one reads nothing, and one begins an endless request. In virtual time
+/// the robot does the same as without a page.
 #[test]
 fn whoever_looks_on_changes_nothing_of_what_the_robot_does() {
     let folder = taught("good");

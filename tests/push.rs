@@ -29,7 +29,7 @@ enum Does {
     Cuts,
     /// The server stores the file, and its answer is lost.
     LosesAnswer,
-    /// It accepts the file and closes the connection without an answer.
+    /// The server accepts the file and closes the connection without an answer.
     Closes,
     Answers(&'static str),
 }
@@ -140,9 +140,9 @@ fn serve(stream: impl Read + Write, taken: &Mutex<ReceivedRequests>, does: &dyn 
     }
 }
 
-/// A cycle's record with its page, pictures and recipe, and later a person's signature, reach the server. The
-/// server cuts, loses answers, closes and refuses in turn. The service is killed meanwhile and continues from where
-/// it was. The server's contents verify.
+/// A cycle's record with its page, pictures and recipe, and later a person's signature, reach the server. The server
+/// cuts, loses answers, closes and refuses in turn. The service is killed meanwhile and continues at the point that it
+/// had reached. At the end the server's contents pass the verification.
 #[test]
 fn the_service_puts_each_signed_record() {
     let server = Server::start(None, |number| match number % 7 {
@@ -223,9 +223,9 @@ fn signed_cycle(store: &mut Store) {
     store.sign_cycle(&CellKey::of_random(&[7; 32]), id).expect("signed");
 }
 
-/// A server with TLS that requires a token. An untrusted server, a wrong token and an address that leads elsewhere
-/// are reported, and they lose nothing. A store that went back is sent again, and another address receives
-/// everything.
+/// A server with TLS that requires a token. An untrusted server, a wrong token and an address that leads elsewhere are
+/// reported, and they lose nothing. A store that was set back to an earlier state is sent again, and another address
+/// receives everything.
 #[test]
 fn a_server_is_trusted_by_its_certificate_and_knows_the_cell_by_its_token() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -294,8 +294,8 @@ fn a_server_is_trusted_by_its_certificate_and_knows_the_cell_by_its_token() {
     };
     drop(sender);
 
-    // A sender that is started again sends nothing twice. If the store went back and has other records, they are
-    // sent anew.
+    // A sender that is started again sends nothing twice. If the store was set back to an earlier state and has other
+    // records, they are sent anew.
     drop(store);
     let asked = server.taken().asked.len();
     let sender = start(push.clone());

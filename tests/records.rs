@@ -267,7 +267,8 @@ fn a_cycle_is_signed_exported_and_verified_by_three_programs() {
     let (_, told) = json(at, &start.replace("SN-17", "SN-18"));
     assert_eq!(told["cycle_id"].as_i64(), Some(2), "another part begins: {told}");
 
-    // The record of one cycle, if the record of another was signed before its last signature.
+    // The record of one cycle can be verified, even if the record of another cycle was signed before its last
+    // signature.
     let (exit, told) = json(at, &format!("record sign 1 {CELL} --name Ada --meaning reviewed"));
     assert_eq!((exit, told["number"].as_i64()), (0, Some(4)), "{told}");
     fs::remove_dir_all(&records).expect("removed");

@@ -107,7 +107,8 @@ fn another_command_is_named_with_both_numbers() {
     assert_eq!(told["to_the_end"], true);
 }
 
-/// A person's request is changed: recording and replay diverge, and the replay reports where they part.
+/// A person's request is changed: recording and replay diverge, and the replay reports the point at which they
+/// diverge.
 #[test]
 fn another_request_parts_them() {
     let (_folder, file) = changed(REJECTED, |entry| {

@@ -1,5 +1,5 @@
-//! `panelprep calibrate scanner` as a user runs it: a 3D camera that bends its scans finds the panel at its true
-//! place after its errors are measured.
+//! `panelprep calibrate scanner` as a user runs it: a 3D camera that bends its scans finds the panel at its true pose
+//! after the camera's errors are measured.
 
 use super::commands::{TEACH, json};
 use super::goal::Figure;

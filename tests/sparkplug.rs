@@ -148,8 +148,8 @@ fn a_primary_host_sees_the_cell_and_may_hold_it() {
     let birth = host.until("another birth", |message| message["kind"] == "NBIRTH");
     assert_eq!(birth["metrics"]["State/word"]["value"], "complete");
 
-    // A host holds a cycle. A command that the cell's table does not accept is refused for a host as for everyone
-    // else.
+    // A host holds a cycle. A command that the cell's state machine does not accept is refused for a host as for
+    // everyone else.
     host.does("write Node Control/Hold");
     service.wait("a refusal", |_| audit(folder).iter().any(|line| line.entry.what == "hold"));
     let refused = audit(folder)[0].entry.refused.clone();

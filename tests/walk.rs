@@ -230,14 +230,14 @@ fn every_command_of_readme_and_help_does_what_it_says() {
             let began = Instant::now();
             match name.as_str() {
                 "render" => {
-                    // Other examples need more than this example makes: a labelled set.
+                    // Other examples need a labelled set, which this example does not make.
                     let wants = texts.contains("render --clips 6") && line.contains("--boards");
                     let clips = if wants { " --clips 6" } else { "" };
                     walk.run(&format!("{line}{clips}"));
                 }
                 "run" => served_and_asked(&walk, &line, &all["ctl"].1),
                 "label" => page_ended(&walk, &line),
-                // They need a broker and a database: tests/office.rs starts both.
+                // These commands need a broker and a database: tests/office.rs starts both.
                 needs_servers if needs_servers == "fleet" || needs_servers.starts_with("archive ") => {}
                 "mock-robot" => {
                     let mut mock = walk.serves(&line);

@@ -1,5 +1,5 @@
-//! Checks in the source what the program prints for people. No text contains a programmer's form, and no measured
-//! number beside its limit is rounded so that it could look equal to it.
+//! Checks in the source what the program prints for people. No text contains a debug format, and no measured number
+//! beside its limit is rounded so that it could look equal to it.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -148,7 +148,7 @@ fn has_debug_form(text: &str) -> bool {
         || text.replace("{{", "").split('{').skip(1).any(inside)
 }
 
-/// Returns whether a number is rounded in a text that states what is allowed. A place in a picture is not a
+/// Returns whether a number is rounded in a text that states what is allowed. A position in a picture is not a
 /// measured number.
 fn rounds_beside_a_limit(text: &str) -> bool {
     let says = ["allowed", "needed", "wanted", "limit", "limits", "minimum"];

@@ -1,5 +1,5 @@
-//! Limits the number of lines of the audit trail that one source writes: a flood of requests becomes a few lines,
-//! and one that counts the others.
+//! Limits the number of audit-trail lines that one source writes: of a flood of requests only a few lines remain, and
+//! one line that counts the others.
 
 const MINUTE_MS: u64 = 60_000;
 
@@ -47,7 +47,7 @@ impl LineLimit {
         now_ms.saturating_sub(self.since_ms) >= MINUTE_MS
     }
 
-    /// At the end of a minute, returns how many lines were left out of the minute, if any. Another minute begins.
+    /// Ends the minute if it is over: returns how many of its lines were left out, if any, and begins another minute.
     pub fn minute_over(&mut self, now_ms: u64) -> Option<u64> {
         if !self.is_over(now_ms) {
             return None;

@@ -1,5 +1,5 @@
-//! An account pauses after several wrong passwords in a row: further guesses are useless, and the person can log in
-//! later.
+//! Pauses an account (no log-in is possible) after several wrong passwords in a row: further guesses are useless, and
+//! the person can log in later.
 
 use std::collections::BTreeMap;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -9,8 +9,8 @@ pub const MAX_ATTEMPTS: u32 = 5;
 /// The first pause of an account, s. The pause doubles after each further row of wrong passwords, up to an hour.
 pub const PAUSE_S: f64 = 60.0;
 const MAX_PAUSE_S: f64 = 3_600.0;
-/// Names without an account are not remembered: all of them share a fixed number of counts, selected by a hash of
-/// the name. Therefore made-up names pause as accounts do, need no memory, and end no account's pause.
+/// Names without an account are not stored: they share a fixed number of counters, selected by a hash of the name. So
+/// invented names pause as accounts do, need no additional memory, and cannot end the pause of an account.
 const BUCKETS: u64 = 256;
 
 /// The names with recent wrong passwords. Times are seconds of any clock that does not jump.
@@ -37,11 +37,11 @@ impl Who {
 #[derive(Debug, Clone, Copy)]
 struct Tried {
     wrong: u32,
-    /// The account pauses until then, if a row of tries was full.
+    /// End of the account's pause, s, if the last wrong password completed a row.
     until_s: Option<f64>,
 }
 
-/// Returns how long an account pauses after this many full rows, s.
+/// Returns the length of an account's pause after this number of complete rows of wrong passwords, s.
 fn pause_s(rows: u32) -> f64 {
     (PAUSE_S * f64::from(2_u32.saturating_pow(rows.saturating_sub(1).min(16)))).min(MAX_PAUSE_S)
 }
@@ -98,7 +98,7 @@ mod tests {
         assert!(!lockout.wrong(ANNA, now_s), "counted from the beginning");
     }
 
-    /// One more attempt that was in progress when the row became full neither shortens the pause nor lengthens it.
+    /// An attempt that was still in progress when the pause began neither shortens nor lengthens the pause.
     #[test]
     fn a_wrong_password_during_the_pause_does_not_lift_it() {
         let mut lockout = Lockout::default();
@@ -114,8 +114,8 @@ mod tests {
         assert!(!lockout.wrong(ANNA, 60.0), "the first of the next row");
     }
 
-    /// An account's pause grows from row to row, independent of the number of made-up names that are tried
-    /// meanwhile, and these need no memory.
+    /// An account's pause grows from row to row, independent of the number of invented names that are tried meanwhile.
+    /// These names need no additional memory.
     #[test]
     fn made_up_names_end_no_pause_and_take_no_room() {
         let mut lockout = Lockout::default();

@@ -38,10 +38,10 @@ pub struct Account {
 
 impl Account {
     /// Returns a complete account with valid names and an allowed password. Without a new password the former
-    /// account's password stays; `salt` is for a new one.
+    /// account's password stays; `salt` is used only for a new password.
     ///
     /// # Errors
-    /// What is wrong, in words.
+    /// If a name or the password is not allowed; the text states the problem.
     pub fn checked(
         (name, printed_name): (&str, &str),
         (role, is_enabled): (Role, bool),

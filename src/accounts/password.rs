@@ -1,11 +1,11 @@
-//! Passwords: kept as argon2id hashes, as OWASP's cheat sheet requires (19 MiB, two passes, one lane).
+//! Passwords: stored as argon2id hashes, as OWASP's cheat sheet requires (19 MiB, two passes, one lane).
 
 use argon2::password_hash::phc::PasswordHash;
 use argon2::password_hash::{PasswordHasher, PasswordVerifier};
 use argon2::{Algorithm, Argon2, Params, Version};
 
-/// The minimum length of a password (NIST SP 800-63B requires eight characters if it is the only factor; here it
-/// also signs).
+/// The minimum length of a password (NIST SP 800-63B requires eight characters if it is the only factor; here the
+/// password is also used to sign).
 pub const MIN_CHARACTERS: usize = 10;
 /// The maximum length, so that no one can keep the computer busy with one password.
 const MAX_CHARACTERS: usize = 200;
@@ -50,7 +50,7 @@ pub fn hashed(password: &str, name: &str, salt: [u8; 16]) -> Result<String, Pass
     hash.map(|hash: PasswordHash| hash.to_string()).map_err(|error| PasswordError::Hash(error.to_string()))
 }
 
-/// Returns whether this is the password. The check needs a fraction of a second, the same for an invalid hash.
+/// Returns whether this is the password. The check takes a fraction of a second, also if the hash is invalid.
 pub fn is_right(password: &str, hash: &str) -> bool {
     let Ok(hasher) = hasher() else { return false };
     let is_short = password.chars().count() <= MAX_CHARACTERS;

@@ -39,7 +39,7 @@ pub struct CheckedCell {
     pub files: u64,
     /// Number of files that the cell no longer had.
     pub gone: u64,
-    /// Records that the cell has too, with the same hash; `None` if no list of the cell was given.
+    /// Number of records that the cell has too, with the same hash; `None` if no list of the cell was given.
     pub same: Option<u64>,
     /// The keys with which the cell's statements are signed.
     pub keys: Vec<String>,
@@ -119,7 +119,7 @@ fn position(row: &Row) -> Position {
 /// A statement's hash, and the hash of the previous statement that it names.
 type Link = (String, String);
 
-/// Checks a row against what it states of itself, read again as the message that it was.
+/// Checks a row: builds the message from it again, and verifies the message's hash and signature.
 fn record(row: &Row, cell: &str, checked: &mut CheckedCell, statements: &mut BTreeMap<u64, Vec<Link>>) -> Listed {
     let position = position(row);
     let word: String = row.get(2);
@@ -159,7 +159,7 @@ fn record(row: &Row, cell: &str, checked: &mut CheckedCell, statements: &mut BTr
     listed
 }
 
-/// Reads a stored record as the message that it was received as, so that its signature is verified once more.
+/// Builds the received message from a stored record and reads it again, so that its signature is verified once more.
 fn read_again(cell: &str, envelope: Envelope) -> Result<Option<(Statement, String)>, String> {
     let message = Message { cell: CellName::new(cell)?, envelope };
     let bytes = message.bytes().map_err(|error| error.to_string())?;

@@ -18,10 +18,10 @@ fn place(Database { host, port, name, user, .. }: &Database) -> String {
     format!("{name} of {user} at {host}:{port}")
 }
 
-/// Runs an operation within a time limit; what a database has not done in time was not done.
+/// Runs an operation within a time limit; an operation that is not complete in time counts as failed.
 ///
 /// # Errors
-/// If the database is silent, and the errors of the operation.
+/// If the database does not answer in time, and the errors of the operation.
 pub(super) async fn within<T>(
     limit: Duration,
     doing: impl Future<Output = Result<T, ArchiveError>>,

@@ -49,7 +49,7 @@ pub enum ArchiveError {
     /// The broker.
     #[error(transparent)]
     Broker(#[from] BrokerError),
-    /// A stored file that a record names.
+    /// A stored file that a record names cannot be used.
     #[error(transparent)]
     Kept(#[from] StoreError),
     /// A file refused.
@@ -70,7 +70,7 @@ pub enum ArchiveError {
 impl ArchiveError {
     pub(super) fn database(doing: &'static str) -> impl Fn(tokio_postgres::Error) -> ArchiveError {
         move |error| {
-            // The server's message is below the library's own words.
+            // The library's error contains the server's own message.
             let problem = error.as_db_error().map_or(error.to_string(), ToString::to_string);
             ArchiveError::Database { doing, problem }
         }
@@ -80,7 +80,8 @@ impl ArchiveError {
         move |source| ArchiveError::File { doing, path: path.to_owned(), source }
     }
 
-    /// Returns whether the error may end without intervention: a network, a server that restarts, a full disk.
+    /// Returns whether the error may end without intervention, such as a network failure, a server restart or a full
+    /// disk.
     pub fn may_pass(&self) -> bool {
         !matches!(self, ArchiveError::Newer { .. } | ArchiveError::Encoding { .. } | ArchiveError::Trust(_))
     }

@@ -1,5 +1,5 @@
-//! The archive's files: each under its SHA-256, whole or not there, as a store has them, in 256 folders by the
-//! first two digits.
+//! The archive's files: each has its SHA-256 as its name and is complete or absent, as in a store. They are in 256
+//! folders, named by the first two digits.
 
 use super::error::ArchiveError;
 use crate::files::is_hex;
@@ -26,7 +26,7 @@ impl Files {
         Files(folder.to_owned())
     }
 
-    /// Creates the folder, then writes and removes a file there: a problem shows now and not with the first
+    /// Creates the folder, then writes and removes a file there, so that a problem is found now and not with the first
     /// picture.
     pub fn try_out(&self) -> Result<(), ArchiveError> {
         let trial = self.0.join(".trial");
@@ -39,7 +39,7 @@ impl Files {
         Blobs::in_folder(self.0.join(hash.get(..2).unwrap_or("")))
     }
 
-    /// Keeps these bytes under their hash. A file that exists already is not written again; a damaged one is
+    /// Stores these bytes under their hash. A file that exists already is not written again; a damaged one is
     /// replaced.
     pub fn put(&self, hash: &str, bytes: &[u8]) -> Result<(), ArchiveError> {
         let near = self.near(hash);
@@ -59,7 +59,7 @@ impl Files {
         is_hex(hash, 64).then(|| self.near(hash).get(hash).ok()).flatten()
     }
 
-    /// Returns whether every file is here that this record names and that its cell still had.
+    /// Returns whether every file that this record names is here, except the files that its cell no longer had.
     pub fn has_all_of(&self, message: &Message) -> bool {
         let Body::Signature { files, .. } = &message.envelope.body else { return true };
         files.iter().filter(|file| file.gone.is_none()).all(|file| self.near(&file.hash).has(&file.hash))

@@ -17,9 +17,9 @@ pub(super) struct BatchResult {
     pub new: u64,
     /// Messages that were already stored, with the same content.
     pub known: u64,
-    /// Messages under a name that was stored with another content, in words.
+    /// Descriptions of the messages whose name is already stored with other content.
     pub contradictions: Vec<String>,
-    /// The number up to which each epoch is complete now, for epochs that changed or received something again.
+    /// The number up to which each epoch is complete now, for every epoch with a message in the batch.
     pub archived: BTreeMap<(CellName, String), u64>,
 }
 
@@ -85,7 +85,7 @@ async fn insert(transaction: &Transaction<'_>, (message, hash): (&Message, &str)
     Ok(count == 1)
 }
 
-/// Reports if other content is stored under this name; the new content is kept beside it.
+/// Returns a message if other content is stored under this name; the new content is then stored as a contradiction.
 async fn contradiction(
     transaction: &Transaction<'_>,
     (message, hash): (&Message, &str),

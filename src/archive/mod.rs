@@ -1,15 +1,15 @@
-//! The office's archive: it receives what cells send from the broker, keeps it in PostgreSQL and its files in a
-//! folder, and reports to the cells up to where it has everything. Later it proves that nothing is missing, changed
-//! or contradictory.
+//! The office's archive: it receives from the broker what the cells send, and stores the records in PostgreSQL and the
+//! files in a folder. It reports to each cell up to which number it has everything. Later it proves that nothing is
+//! missing, changed or contradictory.
 //!
 //! ```text
 //! cell ─▶ broker ─▶ `receiving`: parts put together, messages read and verified
 //!                       ├─▶ `files`: a file under its SHA-256, whole or not there
-//!                       └─▶ `keeping`: all rows of a batch in one transaction (`rows` defines them)
+//!                       └─▶ `message_rows`: all rows of a batch in one transaction (`rows` defines them)
 //!                               └─▶ only then: acknowledged to the broker, reported to the cell
 //! ```
 //!
-//! Data that arrives twice is kept once. If it arrives twice with different content, the second content is kept as
+//! Data that arrives twice is stored once. If it arrives twice with different content, the second content is stored as
 //! a contradiction beside the first. Tables that pages read (`cycles`, `quantities`, `verifications`) are made from
 //! the records in the same transaction, and can be made again from them.
 

@@ -16,9 +16,8 @@ struct ReportedEpochs {
 }
 
 impl Names {
-    /// Returns whether it is detected now, for the first time, that two cells use this name: the reported epochs
-    /// changed and then changed back to the previous ones. A change of epochs without a change back may be a
-    /// restored store.
+    /// Returns true when it is detected for the first time that two cells use this name: the reported epochs changed
+    /// and then changed back to the previous ones. A change of epochs without a change back may be a restored store.
     pub fn are_two(&mut self, cell: &str, state: &CellState) -> bool {
         let mut epochs: Vec<String> = state.last.iter().map(|position| position.epoch.clone()).collect();
         epochs.sort();

@@ -1,4 +1,4 @@
-//! The archive's loop: from the broker into database and folder.
+//! The archive's main loop: receives messages from the broker and stores them in the database and the folder.
 
 use super::database;
 use super::error::ArchiveError;
@@ -28,10 +28,12 @@ const REPORT_INTERVAL: Duration = Duration::from_secs(3_600);
 /// again.
 const WRITE_TIMEOUT: Duration = Duration::from_secs(60);
 
-/// Works until `ended` completes. A failure that may pass is retried, with a new connection.
+/// Runs the archive until `ended` completes. A failure that may end without intervention is retried, with a new
+/// connection.
 ///
 /// # Errors
-/// If the database has tables of a newer program, or a file of the settings cannot be used.
+/// If the database has tables of a newer program or an unsuitable encoding, or a file that the settings name cannot be
+/// used.
 pub async fn run(settings: &ArchiveSettings, ended: impl Future<Output = ()>) -> Result<(), ArchiveError> {
     tokio::select! {
         failed = again_and_again(settings) => Err(failed),
@@ -110,8 +112,8 @@ async fn listen(client: &Client, mut states: States) -> Result<std::convert::Inf
 struct Receiver {
     files: Files,
     assembly: Assembly<Receipt>,
-    /// Records with a file that is not here yet. A cell is informed that the office has a record only when its
-    /// files are here too.
+    /// Records with a file that has not arrived yet. A cell is informed that the office has a record only after its
+    /// files have arrived too.
     waiting: Vec<(Message, Vec<Receipt>)>,
 }
 
@@ -194,7 +196,8 @@ fn message_of(whole: &Assembled<Receipt>, position: &Position) -> Result<Message
     }
 }
 
-/// Checks the sender: a cell may send only under its own name. The broker decides who may send there.
+/// Checks that a chunk came on the subject of the cell that it names. The broker decides which cell may send on which
+/// subject.
 fn sent_by(subject: &str, chunk: Chunk) -> Result<Chunk, OfficeError> {
     match subject == subject::records(&chunk.cell) {
         true => Ok(chunk),
@@ -213,7 +216,7 @@ async fn refuse((subject, error): (&str, &OfficeError), receipts: Vec<Receipt>) 
     Ok(())
 }
 
-/// Keeps the newest state of each cell, for pages. A state that cannot be read is reported and dropped.
+/// Stores the newest state of each cell, for pages. A state that cannot be read is reported and dropped.
 async fn keep_state((client, names): (&Client, &mut Names), by: &str, bytes: &[u8]) -> Result<(), ArchiveError> {
     let (cell, state) = match CellState::read(bytes) {
         Ok(read) if by == subject::state(&read.0) => read,

@@ -6,7 +6,7 @@ use crate::broker::OfficeLink;
 use crate::office::{ArchiveSettings, RecipeOffer};
 use tokio_postgres::Client;
 
-/// Keeps the offer in place of an earlier one for its panel, and sends it to the cells.
+/// Stores the offer, which replaces an earlier one for its panel, and sends it to the cells.
 ///
 /// # Errors
 /// If the database or the broker does not accept it.

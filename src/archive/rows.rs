@@ -1,4 +1,4 @@
-//! The rows that a message becomes, for the pages of the office. Pure.
+//! The database rows that are derived from a message, for the pages of the office. Pure functions.
 
 use crate::history::{Known, PastCycle, Quantity};
 use crate::office::{Body, CycleEnd, Message, VerificationSeen};
@@ -17,7 +17,7 @@ pub(super) enum Rows {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct SignatureRows {
     pub cycle: i64,
-    /// The statement's number among all of its cell.
+    /// The number of the statement among all statements of its cell.
     pub statement: u64,
     pub unix_ms: i64,
     /// The person who signed and the meaning of the signature, in words; `None` for the cell itself.
@@ -36,7 +36,7 @@ pub(super) struct Quantities {
 }
 
 impl Rows {
-    /// Reads the rows of a message; its content was read once before.
+    /// Derives the rows from a message, whose content was already read when it arrived.
     pub fn from_message(message: &Message) -> Result<Self, String> {
         let wrong = |error: serde_json::Error| error.to_string();
         match &message.envelope.body {
@@ -64,7 +64,8 @@ fn signature(statement: &Statement) -> SignatureRows {
     }
 }
 
-/// A record of another version of the program may be unreadable; the archive stores it all the same.
+/// Returns the quantities of a cycle; `None` if the record is of another version of the program and cannot be read.
+/// The archive stores such a record all the same.
 fn quantities(cycle: &SignedCycle) -> Option<Quantities> {
     let record = cycle.cycle_record().ok()?;
     let past = PastCycle { record, part: cycle.part.clone(), disc: None };

@@ -6,8 +6,9 @@ use tokio_postgres::Client;
 /// The newest version that this program supports.
 const VERSION: i32 = 1;
 
-/// `records` contains what cells sent; `epochs` up to which number each epoch is complete; `contradictions`
-/// messages under a name that is stored with another content. The other tables are derived from records, for pages.
+/// `records` contains what cells sent; `epochs` contains the number up to which each epoch is complete;
+/// `contradictions` contains messages under a name that is stored with another content. The other tables are derived
+/// from records, for pages.
 const TABLES: &str = "
     CREATE TABLE records (
         cell TEXT NOT NULL,

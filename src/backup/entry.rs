@@ -73,14 +73,13 @@ impl Entry {
         is_hash.then(|| Entry::Blob(hash.to_owned()))
     }
 
-    /// Is the entry part of the store?
+    /// Returns whether the entry is part of the store.
     pub fn is_of_store(&self) -> bool {
         matches!(self, Entry::Rows(_) | Entry::Blob(_))
     }
 }
 
-/// Returns whether this is a relative path of a TOML file that only goes down into folders, without any other
-/// notation.
+/// Returns whether this is the relative path of a TOML file in the same folder or below, in its simplest notation.
 fn is_plain(path: &str) -> bool {
     let parts: Vec<Component<'_>> = Path::new(path).components().collect();
     let text = |part: &Component<'_>| match part {

@@ -1,11 +1,11 @@
-//! A backup of a cell: store, configuration and calibrations in one archive, and the way back.
+//! A backup of a cell: store, configuration and calibrations in one archive, and their restoration.
 //!
-//! The archive is a tar file compressed by zstd, so that other programs can open it too. Its first entry is a
-//! manifest with the size and SHA-256 of every other entry. Its last bytes are a seal, the SHA-256 of everything
-//! before. Only entries with names of a known form are restored (`entry`). They are compared with the manifest, and
-//! are complete and verified beside their place before anything in the cell is changed (`restore`).
+//! The archive is a tar file compressed by zstd, so that other programs can open it too. Its first entry is a manifest
+//! with the size and SHA-256 of every other entry. Its last bytes are a seal, the SHA-256 of everything before. Only
+//! entries with names of a known form are restored (`entry`). They are compared with the manifest, then unpacked and
+//! verified beside their final path, before anything in the cell is changed (`restore`).
 //!
-//! The seal detects damage. It is no signature: a person who can write the archive can write another one.
+//! The seal detects damage. It is not a signature: a person who can write the archive can write another seal.
 //!
 //! - `entry`: what may be in an archive · `seal` · `manifest` · `write` · `read` · `restore` · `placing`
 

@@ -15,9 +15,9 @@ enum Step {
     Folder(PathBuf),
     /// A file or folder was made beside its final path.
     Staged(PathBuf),
-    /// It was moved to a place that was empty.
+    /// The staged file or folder was moved to its final path, which was free.
     Placed { staged: PathBuf, at: PathBuf },
-    /// It was exchanged with what was at the final path.
+    /// The staged file or folder was exchanged with the one at the final path.
     Swapped { staged: PathBuf, at: PathBuf },
     /// The replaced file or folder was renamed.
     Kept { staged: PathBuf, kept: PathBuf },
@@ -41,13 +41,13 @@ impl Placing {
         Ok(())
     }
 
-    /// Notes that something was made beside its place, so that it is removed if it does not get there.
+    /// Notes a file or folder that was made beside its final path, so that undoing removes it.
     pub fn staged(&mut self, path: &Path) {
         self.steps.push(Step::Staged(path.to_owned()));
     }
 
-    /// Moves it to its place. If `may_replace`, the present file or folder is kept beside it as
-    /// `NAME.before-restore-N`; an empty folder is not kept.
+    /// Moves a staged file or folder to its final path. If `may_replace`, the present file or folder is kept beside it
+    /// as `NAME.before-restore-N`; an empty folder is not kept.
     pub fn put(&mut self, staged: &Path, at: &Path, may_replace: bool) -> Result<(), BackupError> {
         let rename = |from: &Path, to: &Path, flags: RenameFlags| {
             let renamed = renameat_with(CWD, from, CWD, to, flags);
@@ -153,7 +153,7 @@ fn flush_folder_of(path: &Path) -> Result<(), BackupError> {
 mod tests {
     use super::*;
 
-    /// A file that exists already keeps its place, and the three steps before are undone.
+    /// A file that exists already stays at its path, and the three steps before are undone.
     #[test]
     fn a_step_that_fails_undoes_those_before() {
         let folder = tempfile::tempdir().expect("a folder");

@@ -34,7 +34,7 @@ impl Archive {
     /// Opens an archive and checks it against its seal, which reads all of the archive.
     ///
     /// # Errors
-    /// If it is no backup, is damaged, was cut short, or is that of a newer program.
+    /// If the file is no backup, is damaged, was cut short, or was written by a newer program.
     pub fn open(path: &Path) -> Result<Self, BackupError> {
         let mut file = crate::disk::open(path).map_err(BackupError::file("read", path))?;
         let damaged = |problem: String| BackupError::Damaged { path: path.to_owned(), problem };
@@ -56,7 +56,7 @@ impl Archive {
         Ok(archive)
     }
 
-    /// Passes on each entry with its content, which is compared with the manifest afterwards.
+    /// Calls `take` with each entry and its content; the content is compared with the manifest afterwards.
     ///
     /// # Errors
     /// If the archive is not what its manifest states, or `take` refuses.
@@ -75,7 +75,7 @@ impl Archive {
             self.is_listed(&found, listed)?;
             let mut hashing = Hashing { inner: found, hasher: Sha256::new() };
             take(entry, &mut hashing)?;
-            // The part that was not requested is also read, for the hash.
+            // The part of the content that `take` did not read is read here, for the hash.
             std::io::copy(&mut hashing, &mut std::io::sink()).map_err(|error| self.unreadable(&error))?;
             let hash = hex(&hashing.hasher.finalize());
             if hash != listed.sha256 {

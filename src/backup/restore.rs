@@ -31,7 +31,7 @@ pub struct Permission {
     pub replace_store: bool,
     /// Existing files of a configuration may be replaced.
     pub replace_configuration: bool,
-    /// Files may be written to places outside of the folder of the cell's file, if that file names them.
+    /// Files may be written outside of the folder of the cell's file, if that file names them.
     pub outside: bool,
 }
 
@@ -42,7 +42,7 @@ pub struct Plan<'p> {
     pub archive: &'p Path,
     /// The path of the cell's file, present or to be restored.
     pub cell: &'p Path,
-    /// The place for the store; without it, the place that the cell's file states.
+    /// The folder for the store; without it, the folder that the cell's file states.
     pub store: Option<&'p Path>,
     /// The parts.
     pub wanted: RestoredParts,
@@ -53,8 +53,8 @@ pub struct Plan<'p> {
 /// What was done.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Restored {
-    /// Everything in the archive's store that differs from what was written there, in words; if there is any,
-    /// nothing was restored.
+    /// Everything in the archive's store that differs from what was written there, in words; if there is any
+    /// difference, nothing was restored.
     pub found: Vec<String>,
     /// The store's folder.
     pub store: Option<PathBuf>,
@@ -235,8 +235,8 @@ pub fn named_files(cell: &Cell) -> Vec<(String, PathBuf)> {
     files
 }
 
-/// Returns the files that must be written: those that exist with the same content are left out, others must be
-/// allowed.
+/// Returns the files that must be written. Files that exist with the same content are left out; replacing others, or
+/// writing outside of the folder, must be permitted.
 fn allowed(files: BTreeMap<PathBuf, Vec<u8>>, plan: &Plan<'_>) -> Result<BTreeMap<PathBuf, Vec<u8>>, BackupError> {
     let folder = plan.cell.parent().unwrap_or(Path::new(""));
     let outside: Vec<PathBuf> = files.keys().filter(|file| !is_below(file, folder)).cloned().collect();
@@ -252,7 +252,7 @@ fn allowed(files: BTreeMap<PathBuf, Vec<u8>>, plan: &Plan<'_>) -> Result<BTreeMa
     Ok(files)
 }
 
-/// Is this file in the folder or below it, by its name alone?
+/// Returns whether this file is in the folder or below it, judged only by its path.
 fn is_below(file: &Path, folder: &Path) -> bool {
     let rest = match (std::path::absolute(file), std::path::absolute(folder)) {
         (Ok(file), Ok(folder)) => file.strip_prefix(folder).map(Path::to_owned),
@@ -334,7 +334,7 @@ fn staged_file(at: &Path, bytes: &[u8], placing: &mut Placing) -> Result<PathBuf
 const USUAL_FILE: u32 = 0o644;
 const USUAL_FOLDER: u32 = 0o750;
 
-/// Sets owner and rights as those of the replaced file; without one, as usual for such a file.
+/// Gives a file the owner and permissions of the replaced file; without a replaced file, the usual permissions.
 fn like_file(file: &Path, before: Option<&Metadata>) -> std::io::Result<()> {
     if let Some(before) = before {
         chown(file, Some(before.uid()), Some(before.gid()))?;
@@ -343,8 +343,8 @@ fn like_file(file: &Path, before: Option<&Metadata>) -> std::io::Result<()> {
     fs::set_permissions(file, fs::Permissions::from_mode(mode))
 }
 
-/// Sets owner and rights of a store as those of the replaced store: the service that owned that store can write to
-/// this one.
+/// Gives a store the owner and permissions of the replaced store, so that the service that owned the replaced store
+/// can write to this one.
 fn like(store: &Path, before: Option<&Metadata>) -> std::io::Result<()> {
     if let Some(before) = before {
         let blobs = store.join(BLOBS);

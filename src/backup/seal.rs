@@ -1,20 +1,20 @@
 //! The archive's last bytes: the SHA-256 of all bytes before them, in a frame that zstd skips.
 //!
 //! The check of a compressed frame does not cover each of its bits, and a file that was cut at the end of a frame
-//! would be a shorter archive. With the seal every bit counts.
+//! would be a shorter archive. The seal covers every bit.
 
 use sha2::{Digest, Sha256};
 use std::fs::File;
 use std::io::{Error, Read, Seek, SeekFrom, Write};
 
-/// A frame that zstd skips: the first of the format's numbers for such a frame; the length of the content follows.
+/// Magic number of a frame that zstd skips, the first of those in the format; the length of the content follows.
 const MAGIC: [u8; 4] = 0x184D_2A50_u32.to_le_bytes();
 const MARK: &[u8; 16] = b"panelprep seal 1";
 const PAYLOAD: u32 = 16 + 32;
 /// Its length.
 pub const BYTES: u64 = 8 + PAYLOAD as u64;
 
-/// Counts and hashes the bytes that are written through it.
+/// Hashes the bytes that are written through it.
 pub struct Sealing<W> {
     inner: W,
     hasher: Sha256,

@@ -18,17 +18,17 @@ use std::path::{Path, PathBuf};
 pub struct Configuration {
     /// The text of the cell's file.
     pub cell: String,
-    /// The files that it names and that are there, each with its key, such as `calibration.scanner`.
+    /// The existing files that the cell's file names, each with its key, such as `calibration.scanner`.
     pub named: Vec<(String, PathBuf)>,
-    /// Recipes in its folder: the name relative to the folder, and the file.
+    /// The recipes in the folder of the cell's file: the name relative to the folder, and the file.
     pub recipes: Vec<(String, PathBuf)>,
 }
 
 /// The result of a backup.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Written {
-    /// Everything in the store that differs from what was written there, in words; if there is any, there is no
-    /// archive.
+    /// Everything in the store that differs from what was written there, in words; if there is any difference, no
+    /// archive was made.
     pub found: Vec<String>,
     /// What the archive holds.
     pub manifest: Manifest,
@@ -36,7 +36,8 @@ pub struct Written {
     pub bytes: u64,
 }
 
-/// A file of the configuration is a page of text; a settings file of a camera has some pages.
+/// Maximum size of a file of the configuration: usually it is a page of text, a settings file of a camera has some
+/// pages.
 const MAX_CONFIGURATION_BYTES: u64 = 4 << 20;
 /// zstd's default: pictures are already compressed, rows and scans are not.
 const LEVEL: i32 = 3;

@@ -16,7 +16,7 @@ pub struct CellLink {
     cell: CellName,
 }
 
-/// A message that was sent, until the broker confirms that it is on its disk.
+/// A message that was sent and that is not yet confirmed: the broker confirms that the message is on its disk.
 pub struct Sending {
     ack: PublishAckFuture,
     address: String,
@@ -48,11 +48,11 @@ impl CellLink {
         Ok(CellLink { link, cell: cell.clone() })
     }
 
-    /// Returns which stream accepts records under which cell's name: both names, and the creation time of the
-    /// stream. Another stream has nothing that the one before it accepted.
+    /// Returns a text that identifies the stream and the sender: the cell's name, the stream's name, and the creation
+    /// time of the stream. Another stream has none of the messages that the one before it accepted.
     ///
     /// # Errors
-    /// If there is none.
+    /// If there is no stream.
     pub async fn stream(&self) -> Result<String, BrokerError> {
         let stream = self.link.context.get_stream(subject::STREAM).await;
         let stream = stream.map_err(|error| match error.kind() {
@@ -62,7 +62,7 @@ impl CellLink {
             _ => self.link.failed("report its streams", error),
         })?;
         let info = stream.cached_info();
-        // If the stream has another name, the office has none of the messages that this cell sent.
+        // If this text has changed, the new stream has none of the messages that this cell sent before.
         Ok(format!("{} {} {}", self.cell, info.config.name, info.created.unix_timestamp_nanos()))
     }
 
@@ -107,8 +107,8 @@ impl CellLink {
         }
     }
 
-    /// Sends a part, for the `again`th time because the office did not have it; the broker's acknowledgement comes
-    /// later.
+    /// Sends a part of a message. If the office did not have the part, it is sent again, and `again` counts the
+    /// repetitions. The broker's acknowledgement comes later.
     ///
     /// # Errors
     /// If it cannot be sent.

@@ -24,7 +24,7 @@ pub enum BrokerError {
         /// The stream.
         stream: &'static str,
     },
-    /// It did not accept a message, or did not confirm that it did.
+    /// The broker did not accept a message, or did not confirm that it did.
     #[error("the broker {address} did not accept a message: {problem}")]
     Refused {
         /// Its address.

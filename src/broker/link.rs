@@ -44,7 +44,8 @@ impl Link {
             .max_reconnects(1);
         let options = match &broker.ca {
             Some(file) => {
-                // The library does not name the file, and accepts one without a certificate.
+                // The library's error does not name the file, and the library accepts a file without a certificate.
+                // Therefore the file is checked here first.
                 trust::client_config(file, None)?;
                 options.add_root_certificates(file.clone())
             }

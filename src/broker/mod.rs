@@ -1,9 +1,10 @@
-//! The broker between cells and the office: NATS with JetStream, as the few calls that cells and the archive need.
+//! The broker between cells and the office: NATS with JetStream, reduced to the few calls that cells and the archive
+//! need.
 //!
-//! Two streams. `PANELPREP` contains records and files in transit, each message until the archive has acknowledged
-//! it; if a message has no room in it, the broker refuses it and the cell sends it again. `PANELPREP_ARCHIVED`
-//! contains one message for each cell and epoch: up to which number the office has everything. The archive creates
-//! both; a cell creates none.
+//! There are two streams. `PANELPREP` contains records and files in transit, each message until the archive has
+//! acknowledged it; if the stream has no room for a message, the broker refuses it and the cell sends it again.
+//! `PANELPREP_ARCHIVED` contains one message for each cell and epoch, the number up to which the office has
+//! everything. The archive creates both; a cell creates none.
 
 mod cell_link;
 mod error;

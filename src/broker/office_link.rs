@@ -15,14 +15,14 @@ use std::time::{Duration, Instant};
 const CONSUMER: &str = "archive";
 /// A message that was delivered and not acknowledged for this time is delivered again.
 const ACK_WAIT: Duration = Duration::from_secs(60);
-/// The first message that is not acknowledged comes again within [`ACK_WAIT`]. If it stays the first for this time,
-/// it does not come.
+/// The oldest message without an acknowledgement is delivered again within [`ACK_WAIT`]. If it is still the oldest one
+/// after this time, the broker no longer delivers it.
 const STUCK_TIMEOUT: Duration = Duration::from_secs(150);
-/// The interval of that check.
+/// The interval of the check for a message that the broker no longer delivers.
 const STUCK_CHECK_INTERVAL: Duration = Duration::from_secs(15);
 /// Maximum number of messages that are delivered and not acknowledged, including the parts of incomplete files.
 const MAX_ACK_PENDING: i64 = 20_000;
-/// How long the broker recognises a message that comes again; afterwards the archive does.
+/// The time for which the broker recognises a repeated message; later the archive recognises it.
 const DUPLICATE_WINDOW: Duration = Duration::from_secs(3_600);
 /// Maximum time that a batch waits for its first message.
 const BATCH_TIMEOUT: Duration = Duration::from_secs(1);
@@ -32,8 +32,8 @@ const BATCH_TIMEOUT: Duration = Duration::from_secs(1);
 pub struct OfficeLink {
     link: Link,
     consumer: PullConsumer,
-    /// The message up to which all are acknowledged, and the time since which this has not changed. `looked` is the
-    /// time of the last check.
+    /// The number of the message up to which all are acknowledged, and the time since which this number has not
+    /// changed. `looked` is the time of the last check.
     floor: (u64, Instant),
     looked: Instant,
 }
@@ -58,13 +58,13 @@ async fn consumer(link: &Link) -> Result<PullConsumer, BrokerError> {
 pub struct Delivery {
     /// Its bytes.
     pub bytes: Vec<u8>,
-    /// The subject by which it came; the broker decides which cell may send there.
+    /// The subject on which the message came; the broker decides which cell may send on it.
     pub subject: String,
     /// Acknowledgement handle.
     pub receipt: Receipt,
 }
 
-/// The broker keeps a message until its receipt reports the result.
+/// The receipt of a message: the broker keeps the message until the receipt reports the result.
 #[derive(Debug)]
 pub struct Receipt {
     message: Message,
@@ -72,7 +72,7 @@ pub struct Receipt {
 }
 
 impl Receipt {
-    /// Reports that the message is kept: the broker may delete it.
+    /// Reports that the message is stored: the broker may delete it.
     ///
     /// # Errors
     /// If that cannot be reported; the message is delivered again.
@@ -80,7 +80,7 @@ impl Receipt {
         self.send_ack(AckKind::Ack).await
     }
 
-    /// Reports that the message can never be kept.
+    /// Reports that the message can never be stored.
     ///
     /// # Errors
     /// If that cannot be reported; the message is delivered again.
@@ -149,10 +149,10 @@ impl OfficeLink {
         Ok(OfficeLink { link, consumer, floor: (0, now), looked: now })
     }
 
-    /// Begins anew if the broker keeps a message back. After it was killed it may regard messages as delivered and
-    /// never deliver them again (seen with nats-server 2.9 under a thousand kills). Then the archive's place in the
-    /// stream is made anew, and the broker delivers again what it still has. The archive recognises by their names
-    /// the messages that it has already. Returns whether this was done: earlier receipts are then void.
+    /// Creates the consumer again if the broker no longer delivers a message. After the broker was killed it may
+    /// regard messages as delivered and never deliver them again (seen with nats-server 2.9 under a thousand kills). A
+    /// new consumer receives all messages that the broker still has; the archive recognises by their names those that
+    /// it already has. Returns whether the consumer was created again: earlier receipts are then void.
     ///
     /// # Errors
     /// If the broker does not answer.
@@ -184,7 +184,7 @@ impl OfficeLink {
         Ok(true)
     }
 
-    /// Returns the next messages, at most this many; none if none come within a second.
+    /// Returns the next messages, at most this many; an empty list if none comes within a second.
     ///
     /// # Errors
     /// If the broker does not answer.
@@ -246,7 +246,7 @@ pub struct States {
 }
 
 impl States {
-    /// Returns the next state: the subject by which it came, and its bytes.
+    /// Returns the next state: the subject on which it came, and its bytes.
     ///
     /// # Errors
     /// If the connection is lost.

@@ -34,7 +34,8 @@ pub struct Noise {
 const NOISE_FLOOR: Noise = Noise { corner: 1e-4, turn_rad: 2e-7, shift_mm: 1e-4 };
 const NOISE_START: Noise = Noise { corner: 0.2, turn_rad: 3e-4, shift_mm: 0.1 };
 const MAX_STEPS: usize = 200;
-/// The number of steps after which the noise estimate may still change slowly if camera and board no longer move.
+/// After this number of steps the iteration may end although the noise estimate still changes slowly, if camera and
+/// board no longer move.
 const SUFFICIENT_STEPS: usize = 60;
 /// The iteration ends when camera and board move by less than this, mm and mrad.
 const CONVERGENCE_TOLERANCE: f64 = 1e-7;
@@ -55,8 +56,7 @@ pub struct Adjusted<A: Arrangement> {
 }
 
 impl<A: Arrangement> Adjusted<A> {
-    /// Returns the covariance of a point that is fixed before the camera, in the frame that the camera is mounted
-    /// on, mm².
+    /// Returns the covariance of a point that is fixed to the camera, in the frame that the camera is mounted on, mm².
     pub fn covariance_at(&self, point: Point<A::From>) -> Matrix3<f64> {
         covariance_at(&self.to_from_camera, &self.covariance, point)
     }
@@ -99,10 +99,10 @@ pub(super) fn prior(noise: &Noise) -> Matrix6<f64> {
 
 const WHAT: &str = "camera mount and board";
 
-/// Adjusts from a start; if a noise is given, it is kept.
+/// Adjusts camera mount and board from a start value; a given noise is not estimated again.
 ///
 /// # Errors
-/// If the unknowns are not determined, or the steps do not settle.
+/// If the unknowns are not determined, or the iteration does not converge.
 pub(super) fn adjust<A: Arrangement>(
     camera: &PinholeCamera,
     stations: &[&Station<A::From>],

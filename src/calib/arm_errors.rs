@@ -1,10 +1,10 @@
-//! The kinematics of an arm whose links differ slightly from the drawing.
+//! The kinematics of an arm whose links differ slightly from their nominal geometry.
 //!
-//! Forward kinematics of six axes with an ortho-parallel basis and a spherical wrist (Brandstötter, Angerer,
-//! Hofbaur 2014). A small motion Eᵢ of six numbers follows each of the first five axes: the axis zero, its two
-//! twists, and three lengths. These numbers describe every geometric error of six axes, except the part that the
-//! frames at both ends absorb: an error before axis 1 belongs to the base, one after axis 6 to the tool. Under its
-//! weight the arm sags about axes 2 and 3 by an angle that is proportional to the lever of the load.
+//! Forward kinematics of six axes with an ortho-parallel basis and a spherical wrist (Brandstötter, Angerer, Hofbaur
+//! 2014). A small motion Eᵢ of six numbers follows each of the first five axes: the axis zero, its two twists, and
+//! three lengths. These numbers describe every geometric error of six axes, except the part that the frames at both
+//! ends absorb: an error before axis 1 belongs to the base, one after axis 6 to the tool. Under its weight the arm
+//! sags about axes 2 and 3 by an angle that is proportional to the lever of the load.
 
 use super::arrangement::{Twist, exp};
 use crate::cell::ArmGeometry;
@@ -47,7 +47,7 @@ pub fn name(index: usize) -> (String, f64) {
     }
 }
 
-/// Returns the angles of the model, rad.
+/// Returns the joint angles in the model's own convention, rad.
 fn turns(geometry: &ArmGeometry, joints: &Joints) -> [f64; 6] {
     let all = joints.degrees();
     std::array::from_fn(|axis| {
@@ -55,7 +55,7 @@ fn turns(geometry: &ArmGeometry, joints: &Joints) -> [f64; 6] {
     })
 }
 
-/// Returns the flange's pose of such an arm.
+/// Returns the flange's pose of an arm with these errors.
 pub fn base_from_flange(
     geometry: &ArmGeometry,
     joints: &Joints,

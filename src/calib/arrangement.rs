@@ -12,7 +12,7 @@ use nalgebra::Isometry3;
 pub trait Arrangement: Mount + Copy + std::fmt::Debug {
     /// The frame of the part that carries the board.
     type Holder: Frame;
-    /// Does the camera move with the flange?
+    /// Whether the camera moves with the flange.
     const EYE_IN_HAND: bool;
 
     /// Returns the part of the chain that moves.

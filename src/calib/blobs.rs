@@ -27,9 +27,10 @@ const MAX_AXIS_RATIO: f64 = 3.5;
 const MIN_CONTRAST: f64 = 6.0;
 /// From this grey level on a pixel may belong to a glare, which would raise the mean of the surroundings.
 const GLARE: u8 = 225;
-/// Pixels within this part of the picture's longer side around a glare's pixel may belong to the glare too.
+/// Pixels around a pixel of a glare may belong to the glare too: those within the picture's longer side divided by
+/// this number.
 const RIM_PARTS: usize = 40;
-/// More than the sum of all grey levels of a picture.
+/// The amount that each pixel adds to a sum to count the pixels: more than the sum of all grey levels of a picture.
 const COUNT: u64 = 1 << 36;
 
 /// Finds the blobs that are darker, or lighter, than the mean of ± `reach_px` around them; `sums` are the
@@ -60,7 +61,7 @@ pub(super) fn blobs(
     Ok(imaging::pieces(&mask, false)?.iter().filter_map(piece).collect())
 }
 
-/// Sums above and left of each pixel.
+/// An integral image: the sums over all pixels above and left of each pixel.
 struct Integral {
     sums: Vec<u64>,
     width: usize,
@@ -90,7 +91,7 @@ impl Integral {
     }
 }
 
-/// Grey levels around each pixel, for any reach.
+/// Sums of the grey levels around each pixel, for a window of any size.
 pub(super) struct Sums {
     /// Sums over the pixels that cannot belong to a glare: each pixel adds [`COUNT`], so that a sum also contains
     /// the number of pixels.
@@ -114,7 +115,8 @@ impl Sums {
     fn mean(&self, column: usize, row: usize, reach: usize) -> f64 {
         let (without, area) = self.without.around(column, row, reach);
         let count = without / COUNT;
-        // White paper may be as bright as a glare.
+        // If most pixels around seem to be a glare, they may be white paper, which can be as bright: all pixels are
+        // used.
         if 4 * count < area {
             return self.all.around(column, row, reach).0 as f64 / area as f64;
         }

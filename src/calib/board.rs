@@ -13,7 +13,7 @@ use crate::geometry::{Board as BoardFrame, Pixel, Point};
 /// Corners of the board with their pixels.
 pub type Corners = Vec<(Point<BoardFrame>, Pixel)>;
 
-/// The layout of the markers of a ChArUco board, and their identity.
+/// The markers of a ChArUco board: their size, dictionary and layout.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Charuco {
     /// Side of a marker, mm.
@@ -203,7 +203,7 @@ impl Board {
             .collect()
     }
 
-    /// The middle of its inner corners.
+    /// Returns the middle of the inner corners.
     pub fn middle(&self) -> Point<BoardFrame> {
         let half = |count: usize| (count - 1) as f64 * self.square_mm / 2.0;
         let across = if self.circles() == Some(true) { 2 * self.columns } else { self.columns };
@@ -228,8 +228,8 @@ impl Board {
         [first, second, third, all.filter(breaks).min_by_key(|&corner| away(corner)).unwrap_or(fourth)]
     }
 
-    /// Returns whether these corners coincide with each other if the board is rotated or mirrored. Touched from its
-    /// other end, they then have the same distances.
+    /// Returns whether these corners coincide with each other if the board is rotated or mirrored. If so, corners that
+    /// are touched from the other end of the board have the same distances.
     pub fn looks_alike(&self, corners: &[(usize, usize)]) -> bool {
         let (right, low) = (self.columns - 1, self.rows - 1);
         let mut ways: Vec<fn(usize, usize, usize, usize) -> (usize, usize)> =

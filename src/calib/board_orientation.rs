@@ -47,8 +47,8 @@ fn turned(corners: &Corners, turn: &Isometry3<f64>) -> Corners {
     corners.iter().map(|(q, pixel)| (Point::<BoardFrame>::new(turn * q.mm), *pixel)).collect()
 }
 
-/// Names the corners of each picture as if every board had been detected in the same rotation. Each picture comes
-/// with the flange's pose.
+/// Assigns the corners of each picture to the board as if every board had been detected in the same rotation. Each
+/// picture comes with the flange's pose.
 ///
 /// # Errors
 /// If a picture's corners determine no pose of the board.
@@ -91,14 +91,14 @@ fn nearer(best: Option<Ways>, next: Ways) -> Option<Ways> {
 
 struct Stations {
     holder_from_to: Vec<Isometry3<f64>>,
-    /// The board's pose in each camera's frame, in each rotation.
+    /// The board's pose in the camera's frame, for each station and each rotation.
     turned: Vec<Vec<Isometry3<f64>>>,
     middle: Point3<f64>,
 }
 
 impl Stations {
-    /// Returns the solution of three stations for all, in each combination of rotations that fulfils (1); the first
-    /// one has no rotation.
+    /// Returns the solutions for all stations that follow from three stations, one for each combination of their
+    /// rotations that fulfils (1); the first of the three is not rotated.
     fn of_triple(&self, [a, b, c]: [usize; 3]) -> Vec<Ways> {
         let mut all = Vec::new();
         for way_b in (0..self.turned[b].len()).filter(|way| self.turns_alike((a, 0), (b, *way))) {

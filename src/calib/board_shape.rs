@@ -1,12 +1,12 @@
 //! Tests whether the board is flat and its squares are equal.
 //!
 //! A bent board, or one with unequal squares, leaves residuals that are the same at each of its corners in all
-//! pictures, which no lens and no pose absorbs. Each corner's place on the board gets its own offset δⱼ, as in
-//! OpenCV's `calibrateCameraRO`. Lens and poses are adjusted in turn with the offsets. For fixed lens and poses
-//! each offset is
+//! pictures, which no lens and no pose absorbs. Each corner's position on the board gets its own offset δⱼ, as in
+//! OpenCV's `calibrateCameraRO`. Lens and poses are adjusted in turn with the offsets. For fixed lens and poses each
+//! offset is
 //!     δⱼ = (Σᵢ JᵢⱼᵀJᵢⱼ)⁻¹ Σᵢ Jᵢⱼᵀ rᵢⱼ,                                                                           (1)
-//! with J the derivative of the pixel by the corner's place. The part of the offsets that is a motion or another
-//! scale of the whole board belongs to the poses, and is removed from the stated offsets.
+//! with J the derivative of the pixel with respect to the corner's position. The part of the offsets that is a motion
+//! or another scale of the whole board belongs to the poses, and is removed from the stated offsets.
 
 use super::detect::Corners;
 use super::lens_fit::{self, LensFit};
@@ -77,7 +77,7 @@ fn with_offsets(corners: &Corners, offsets: &BTreeMap<[i64; 2], Vector3<f64>>) -
     corners.iter().map(|(q, pixel)| (at(q), *pixel)).collect()
 }
 
-/// Applies equation (1), added to the offsets so far.
+/// Solves equation (1), and adds the result to the offsets so far.
 fn moved(
     fit: &LensFit,
     corners: &[&Corners],

@@ -7,7 +7,7 @@ use super::health::Verification;
 /// Two parts of the budget; `None` while not measured.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parts {
-    /// The mounts of both cameras, at the panel, as their calibrations state them.
+    /// The uncertainty of the mounts of both cameras, at the panel, as their calibrations state it.
     pub hand_eye_mm: Option<f64>,
     /// The robot and its tool: the uncertainty that the tool's calibration states, and the error of the last touch
     /// of known points.

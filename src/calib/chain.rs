@@ -104,7 +104,8 @@ impl ScaleGram {
     }
 }
 
-/// The derivatives of a corner in the camera's frame by small rotations and shifts of camera, board and flange.
+/// The derivatives of a corner in the camera's frame with respect to small rotations and shifts of camera, board and
+/// flange.
 struct Corner {
     camera: (Matrix3<f64>, Matrix3<f64>),
     board: (Matrix3<f64>, Matrix3<f64>),
@@ -191,9 +192,9 @@ impl Chain {
         Some(gram)
     }
 
-    /// Returns the part of the normal equations for a factor 1 + s beside mount, board and flange. It scales the
-    /// board's squares, so that every corner lies at (1 + s) · q. Or it scales the focal lengths, on which points
-    /// of a 3D camera do not depend.
+    /// Returns the part of the normal equations for a factor 1 + s beside mount, board and flange. The factor scales
+    /// either the board's squares, so that every corner lies at (1 + s) · q, or the focal lengths, on which points of
+    /// a 3D camera do not depend.
     pub fn factor_gram<C: Frame>(
         &self,
         camera: &PinholeCamera,

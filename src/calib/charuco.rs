@@ -25,7 +25,8 @@ const MIN_CORNERS: usize = 8;
 /// Maximum distance of a marker's corner from the common plane of all, as a share of the marker's side: a lens
 /// bends far less.
 const BENT_WHOLE: f64 = 0.6;
-/// If the markers lead to this share of the corners, the others are hidden.
+/// If the markers lead to at least this fraction of the corners, the others are regarded as hidden, and no lattice is
+/// searched.
 const MIN_CORNER_SHARE: f64 = 0.6;
 /// Maximum number of lattices of one search pass that are compared with the board.
 const MAX_LATTICES: usize = 6;
@@ -87,7 +88,7 @@ pub(super) fn detect(
 const SOME_MARKERS: usize = 4;
 /// At least this number of markers shows a board of a dictionary that the user did not name.
 const SURE_MARKERS: usize = 6;
-/// The largest dictionary of each family begins with the markers of the smaller ones.
+/// The largest dictionary of each family, which begins with the markers of the smaller ones.
 const DICTIONARIES: [&str; 9] = [
     "4X4_1000",
     "5X5_1000",
@@ -183,7 +184,7 @@ fn of_one_plane(mut markers: Vec<Near>, board: &Board, charuco: &Charuco) -> Vec
     markers
 }
 
-/// Returns the places of the markers' corners on the board, mm, and their pixels.
+/// Returns the positions of the markers' corners on the board, mm, and their pixels.
 fn placed(board: &Board, charuco: &Charuco, markers: &[Near]) -> (Vec<[f64; 2]>, Vec<Pixel>) {
     let (square, inset) = (board.square_mm(), (board.square_mm() - charuco.marker_mm) / 2.0);
     let side = charuco.marker_mm;

@@ -21,7 +21,7 @@ const MAX_ROUNDS: usize = 12;
 const KNOWN_PX: f64 = 0.6;
 const MOVED: f64 = 0.2;
 
-/// Places on the board, mm, and their pixels.
+/// Positions on the board, mm, and their pixels.
 pub(super) type Known = Vec<([f64; 2], Pixel)>;
 /// Corners by column and row.
 pub(super) type Grown = BTreeMap<(usize, usize), (Point<BoardFrame>, Pixel)>;
@@ -84,9 +84,9 @@ impl Search<'_> {
         foretold.collect()
     }
 
-    /// Returns whether the picture shows the markers at the places that the corners give, in the odd rows of
-    /// squares and in the even ones. In a board's other pattern (`legacy`) every second row has the same markers in
-    /// the same places.
+    /// Returns whether the picture shows the markers at the positions that the corners predict, both in the odd rows
+    /// of squares and in the even ones. In a board's other pattern (`legacy`) every second row has the same markers at
+    /// the same positions.
     pub fn shows_markers(&self, all: &Grown, cells: &Cells) -> bool {
         let Some(markers) = self.board.markers() else { return false };
         let (known, side) = (known(all), self.board.square_mm());
@@ -115,7 +115,7 @@ impl Search<'_> {
         Some(View { plane, place, start, reach_mm, most_px: PRINT_PX, blur_px: 1.0 })
     }
 
-    /// Returns the homography from the board, mm, to the picture near a place, from the known corners there.
+    /// Returns the homography from the board, mm, to the picture near a position, from the known corners there.
     fn plane(&self, known: &Known, [x, y]: [f64; 2]) -> Option<Matrix3<f64>> {
         let side = self.board.square_mm();
         let away = |place: [f64; 2]| (place[0] - x).hypot(place[1] - y);

@@ -89,8 +89,8 @@ fn likeness(smooth: &Smooth, corners: &LatticeCorners, cells: &Cells, share: f64
     (all.len() >= MIN_SQUARES).then(|| all.iter().sum::<f64>() / all.len() as f64)
 }
 
-/// Returns the correlation of the grey levels with a square's print, without a number of cells at its rim: the
-/// outermost ones are black in every marker.
+/// Returns the correlation of the grey levels with a square's print, without `rim` cells at its border: the outermost
+/// cells are black in every marker.
 pub(super) fn correlation(
     smooth: &Smooth,
     plane: &Matrix3<f64>,

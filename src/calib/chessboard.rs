@@ -18,14 +18,15 @@ use crate::geometry::{GrayPicture, Pixel};
 use crate::imaging::ImagingError;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-/// A larger picture is searched at half its size, or less.
+/// Maximum number of pixels of a picture that is searched: a larger picture is reduced to half its size, or less.
 const MAX_PX: usize = 3_400_000;
 /// A picture is not reduced below this length of its longer side, px.
 const MIN_SIDE_PX: usize = 480;
 /// The largest number of pixels that the last pass examines.
 const SECTOR_BASED_PX: usize = 850_000;
-/// Minimum share of an outer line's corners that must be seen, or the line is removed. The three values are for a
-/// board with a glare near its rim, with a glare elsewhere, and with an object beside it that looks like corners.
+/// Minimum fraction of an outer line's corners that must be seen; otherwise the line is removed. The three values are
+/// for a board with a glare near its rim, with a glare elsewhere, and with an object beside it that looks like
+/// corners.
 const LINE_SHARES: [f64; 3] = [0.2, 0.45, 0.65];
 /// The smallest size of a chessboard, inner corners.
 const MIN_BOARD_CORNERS: usize = 3;
@@ -37,7 +38,7 @@ const OTHER_SHARE: f64 = 0.8;
 const REAL_SHARE: f64 = 0.4;
 /// Minimum ratio of a corner's contrast to that of its neighbour.
 const HALF_CONTRAST: f64 = 0.7;
-/// A predicted corner is searched within this share of the distance to its neighbour.
+/// A predicted corner is searched for within this fraction of the distance to its neighbour.
 const WINDOW_SHARE: f64 = 0.3;
 
 /// A corner of the board.
@@ -45,7 +46,7 @@ const WINDOW_SHARE: f64 = 0.3;
 pub(super) struct Node {
     /// The corner's position.
     pub pixel: Pixel,
-    /// Was it detected, or is it predicted from its neighbours?
+    /// Whether the corner was detected; otherwise it is predicted from its neighbours.
     pub is_seen: bool,
 }
 
@@ -215,7 +216,8 @@ impl Grid {
     }
 }
 
-/// Predicts the pixel of a place by a plane, shifted as the nearest corners are: a lens bends them.
+/// Predicts the pixel of a position by a homography, and corrects it by the deviations of the nearest corners, which a
+/// lens displaces.
 fn foretold(plane: &Matrix3<f64>, place: [f64; 2], (places, pixels): (&[[f64; 2]], &[Pixel])) -> Option<Pixel> {
     let at = |[x, y]: [f64; 2]| {
         let p = plane * Vector3::new(x, y, 1.0);

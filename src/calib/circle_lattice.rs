@@ -11,12 +11,12 @@ use super::board::Board;
 use nalgebra::Vector2;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-/// A step differs from the prediction by the previous step by at most this share of its length.
+/// Maximum difference between a step and its prediction from the previous step, as a fraction of the step's length.
 const PREDICTION_TOLERANCE: f64 = 0.27;
 /// Maximum ratio of the areas of neighbours; one circle of a board may be larger, as a mark.
 const AREAS: f64 = 5.5;
-/// Maximum number of first neighbours that are tried. `PAIRS` is that of their pairs, and `SEEDS` that of the blobs
-/// from which a lattice begins.
+/// Maximum number of neighbours that are tried for the first steps. `PAIRS` is the maximum number of their pairs, and
+/// `SEEDS` that of the blobs from which a lattice begins.
 const FIRST: usize = 6;
 const PAIRS: usize = 4;
 const SEEDS: usize = 25;
@@ -118,7 +118,8 @@ fn grow(blobs: &[Blob], seed: usize, (right, down): (Vector2<f64>, Vector2<f64>)
     lattice
 }
 
-/// Assigns the lattice to the board's own places; if several ways fit, the first circle is the upper one.
+/// Assigns the lattice to the board's circles; if several assignments fit, the one with the first circle at the top is
+/// used.
 fn on_board(blobs: &[Blob], lattice: &BTreeMap<(i32, i32), usize>, board: &Board) -> Option<LatticePositions> {
     let is_asymmetric = board.circles()?;
     let places: BTreeMap<(i32, i32), usize> = (0..board.count())
@@ -153,7 +154,8 @@ fn on_board(blobs: &[Blob], lattice: &BTreeMap<(i32, i32), usize>, board: &Board
     ways.into_iter().filter(|way| way.len() == most).min_by(|a, b| upper(a).total_cmp(&upper(b)))
 }
 
-/// Finds the coordinates of the board's first column and row, at the place that would contain most of the blobs.
+/// Finds the coordinates of the board's first column and row, at the position at which the board would contain most of
+/// the blobs.
 fn corner_of(moved: &[((i32, i32), usize)], (wide, high): (i32, i32)) -> Option<(i32, i32)> {
     let start = |of: fn(&(i32, i32)) -> i32, length: i32| {
         let (low, top) =

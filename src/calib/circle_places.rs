@@ -27,7 +27,7 @@ pub(super) struct ByPrint<'a> {
 }
 
 impl ByPrint<'_> {
-    /// Finds the circles of a board, from the approximate places of some of them and their radius. `None` if there
+    /// Finds the circles of a board, from the approximate positions of some of them and their radius. `None` if there
     /// are too few to compare, or fewer than half of the circles are found.
     pub fn circles(&self, board: &Board, rough: &Corners, radius_mm: f64) -> Option<Corners> {
         let small = if self.times == 1 { None } else { Some(foreign::reduced(self.picture, self.times).ok()?) };

@@ -22,7 +22,8 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 /// At most this multiple of the board's number of circles is examined as candidates.
 const CANDIDATES_EACH: usize = 3;
 const MAX_CANDIDATES: usize = 450;
-/// Maximum number of blobs of all reaches together: a woven texture has more, and each is compared with all others.
+/// Maximum number of blobs that the windows of all sizes find together: a woven texture has more, and each is compared
+/// with all others.
 const MAX_BLOBS: usize = 2_000;
 /// Sizes of the surroundings for a blob's threshold: the picture's longer side divided by these numbers.
 const REACHES: [usize; 3] = [12, 32, 80];
@@ -34,7 +35,8 @@ const WINDOW: f64 = 0.48;
 const GROUND: f64 = 0.40;
 /// Circles with larger windows are located in a reduced picture, px.
 const REACH_PX: f64 = 13.0;
-/// A circle that is farther from its place in the grid is rejected, as a share of the distance to its neighbour.
+/// Maximum distance of a circle from its predicted position in the grid, as a fraction of the distance to its
+/// neighbour; a circle that is farther away is rejected.
 const BENT: f64 = 0.2;
 
 /// A circle with a radius that differs from the others' by this share is not completely visible.
@@ -70,8 +72,8 @@ pub(super) fn detect(
                         add_others(&mut together, &found);
                         grid(&found, board)
                     }
-                    // A reach that misses circles beside a glare is supplemented by another one. Therefore all
-                    // reaches together are tried last.
+                    // A window size that misses circles beside a glare is supplemented by another one. Therefore the
+                    // blobs of all sizes together are tried last.
                     None => grid(&together, board),
                 };
                 let Some(rough) = rough else { continue };
@@ -160,8 +162,8 @@ fn marked_first(rough: &Numbered, radii_mm: &[f64], board: &Board) -> Option<Num
     Some(all)
 }
 
-/// Returns all centres to sub-pixel, and the circles' radii; `None` if the candidates form no plane grid. Circles
-/// without a centre, and those far from the others' grid, are left out.
+/// Returns all centres with sub-pixel accuracy, and the circles' radii; `None` if the candidates form no plane grid.
+/// Circles without a centre, and those far from their positions in the grid, are left out.
 fn placed(picture: &GrayPicture, board: &Board, rough: &Numbered, lighter: bool) -> Option<(Detected, Vec<f64>)> {
     let places = board.corners();
     let place = |number: usize| [places[number].mm.x, places[number].mm.y];

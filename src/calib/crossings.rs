@@ -1,10 +1,10 @@
-//! Finds places in a picture at which two edges cross, as in the corners of a chessboard: approximate, and each
-//! judged alone.
+//! Finds the points of a picture at which two edges cross, as in the corners of a chessboard. The positions are
+//! approximate, and each point is judged independently of the others.
 //!
-//! In a smoothed picture such a place is a saddle: its Hessian has a negative determinant. On a ring around it the
-//! grey levels change side four times, and opposite places of the ring are alike. At the end of an edge, on a line
-//! or in noise they are not. The four changes give the directions of both edges. The work grows only with the
-//! number of pixels.
+//! In a smoothed picture such a point is a saddle: its Hessian has a negative determinant. On a ring around it the
+//! grey levels change between dark and bright four times, and opposite points of the ring are similar. At the end of
+//! an edge, on a line or in noise they are not. The four changes give the directions of both edges. The work grows
+//! only with the number of pixels.
 
 use crate::geometry::{GrayPicture, Pixel};
 use nalgebra::Vector2;
@@ -21,7 +21,7 @@ pub(super) struct Crossing {
     pub contrast: f64,
 }
 
-/// A picture, smoothed by a Gauss function of 1 px.
+/// A picture, smoothed by a Gaussian of 1 px.
 pub(super) struct Smooth {
     pub width: usize,
     pub height: usize,
@@ -35,13 +35,13 @@ const RING_PX: f64 = 4.0;
 const RING: usize = 32;
 /// The minimum correlation between opposite places of the ring.
 const ALIKE: f64 = 0.55;
-/// Half contrasts below this are no corner, grey levels, nor are those below this multiple of the noise that is
-/// left.
+/// Minimum half contrast of a corner, grey levels. `MIN_CONTRAST_TO_NOISE` is its minimum ratio to the noise that
+/// remains after the smoothing.
 const MIN_CONTRAST: f64 = 3.0;
 const MIN_CONTRAST_TO_NOISE: f64 = 3.0;
 /// The share of white noise that remains after the smoothing.
 const NOISE_LEFT: f64 = 0.27;
-/// Opposite changes of the ring lie on a straight line within this angle, rad.
+/// Maximum deviation of two opposite changes of the ring from a straight line, rad.
 const BENT_RAD: f64 = 0.6;
 /// Minimum angle between two edges that cross, rad.
 const MIN_ANGLE_RAD: f64 = 0.3;
@@ -84,7 +84,7 @@ impl Smooth {
         GrayPicture { width: self.width, height: self.height, gray }
     }
 
-    /// Returns the interpolated grey level between pixels; beyond the rim that of the rim.
+    /// Returns the interpolated grey level between pixels; outside of the picture, that of its border.
     pub fn at(&self, at: Vector2<f64>) -> f64 {
         let (u, v) = (at.x.clamp(0.0, self.width as f64 - 1.001), at.y.clamp(0.0, self.height as f64 - 1.001));
         let (column, row) = (u as usize, v as usize);

@@ -19,7 +19,7 @@ use crate::number_text::apart;
 
 /// Readings at least.
 const MIN_READINGS: usize = 3;
-/// The attitudes must differ at least by this difference of x: 60° about the horizontal.
+/// The values of x of the attitudes must differ by at least this: 60° about the horizontal.
 const MIN_SPREAD: f64 = 0.5;
 /// The best possible resolution of a sensor, 95 %, N: 1.96 · 0.05.
 const RESOLVED_95_N: f64 = 0.098;
@@ -94,7 +94,7 @@ pub enum CalibrationError {
          and is the sign right?"
     )]
     Negative {
-        /// The payload by the readings, kg.
+        /// The payload that follows from the readings, kg.
         payload_kg: f64,
     },
 }

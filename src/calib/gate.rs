@@ -18,10 +18,11 @@ type Bounds = (f64, f64);
 
 const HAND_EYE_UNCERTAINTY_MM: Bounds = (0.6, 2.0);
 const HAND_EYE_RMS_MM: Bounds = (1.0, 3.0);
-/// How far the panel moves if the squares have the size by the motions: beyond the first a person must look, beyond
-/// the second it is rejected.
+/// Limits of the panel's shift if the squares had the size that the robot's motions show: beyond the first a person
+/// must look, beyond the second the mount is rejected.
 const SQUARE_MOVES_MM: Bounds = (0.1, 0.5);
-/// If the squares' size is known less well than to this share, a wrong size would not show: 2 mm at 700 mm.
+/// Maximum relative uncertainty of the squares' size; with a larger one, a wrong size would not be detected: 2 mm at
+/// 700 mm.
 const SQUARE_SHARE: f64 = 0.003;
 const SPREAD_DEG: f64 = 8.0;
 const FEW_POSES: usize = 10;
@@ -57,7 +58,7 @@ struct Reasons {
 }
 
 impl Reasons {
-    /// A NaN is beyond every bound.
+    /// Adds a reason if the value is beyond one of its bounds; a NaN is beyond every bound.
     fn bound(&mut self, code: &'static str, value: f64, (review, reject): Bounds, words: &str) {
         let message = |allowed: f64| {
             let [value, allowed] = apart(value, allowed, 3);
@@ -76,7 +77,7 @@ impl Reasons {
         }
     }
 
-    /// Rejects a mount that is far from its hand-measured place: it is another mount.
+    /// Rejects a mount that is far from its hand-measured pose: then it is another mount.
     fn rough<A: Arrangement>(
         &mut self,
         rough: Option<&Rigid<A::To, A::From>>,
@@ -99,7 +100,7 @@ impl Reasons {
         }
     }
 
-    /// Compares the size of the board's squares by the robot's motions with the stated one.
+    /// Compares the size of the board's squares that the robot's motions show with the stated one.
     fn square<A: Arrangement>(&mut self, found: &HandEye<A>, square_mm: f64) {
         let (Some(size), Some(moves_mm)) = (&found.square, found.square_moves_mm()) else {
             return self.doubt("square_unproven", true, || {
@@ -129,7 +130,7 @@ impl Reasons {
         });
     }
 
-    /// Compares the focal length by the robot's motions with that of the lens.
+    /// Compares the focal length that the robot's motions show with that of the lens.
     fn focal<A: Arrangement>(&mut self, found: &HandEye<A>) {
         let (Some(focal), Some(moves_mm)) = (&found.focal, found.focal_moves_mm()) else { return };
         if !focal.contradicts() || moves_mm <= SQUARE_MOVES_MM.0 {
@@ -247,9 +248,9 @@ pub fn outliers_may_stay_out<A: Arrangement>(found: &HandEye<A>) -> bool {
     left_out <= found.residuals.len() / ONE_OUT_OF && used >= FEW_POSES
 }
 
-/// Judges whether the mount from many poses is good enough. Pictures that do not fit reject it, except for a few
-/// among many. `second` is the result from the 3D camera's own points, which must be as good; `rough` is the
-/// camera's hand-measured place in the cell's file.
+/// Judges whether the mount from many poses is good enough. Pictures that do not fit reject it, except for a few among
+/// many. `second` is the result from the 3D camera's own points, which must be as good; `rough` is the camera's
+/// hand-measured pose in the cell's file.
 pub fn hand_eye<A: Arrangement>(
     (found, square_mm): (&HandEye<A>, f64),
     second: Option<&HandEye<A>>,
@@ -357,7 +358,7 @@ impl Reasons {
 /// Maximum error of an arm's own lengths, as a share of the length.
 const ARM_SHARE: f64 = 0.003;
 
-/// States why poses are no start for the calibration of an arm: they have another meaning, or the board's squares
+/// States why poses cannot be the start of an arm's calibration: they have another meaning, or the board's squares
 /// have another size, which an arm's lengths would absorb.
 pub fn no_start<A: Arrangement>(found: &HandEye<A>, square_mm: f64) -> Option<String> {
     if let Some(reading) = found.readings.first() {
@@ -374,13 +375,13 @@ pub fn no_start<A: Arrangement>(found: &HandEye<A>, square_mm: f64) -> Option<St
     })
 }
 
-/// Returns the distance between the stated point as two results place it, mm.
+/// Returns the distance between the positions that two results give for the stated point, mm.
 pub fn apart_mm<A: Arrangement>(first: &HandEye<A>, second: &HandEye<A>) -> f64 {
     first.adjusted.to_from_camera.distance_at_mm(second.adjusted.to_from_camera, first.at)
 }
 
-/// Judges whether the mount from three points is credible. `rough` is the camera's hand-measured place in the
-/// cell's file.
+/// Judges whether the mount from three points is credible. `rough` is the camera's hand-measured pose in the cell's
+/// file.
 pub fn three_points<A: Arrangement>(found: &ThreePoints<A>, rough: Option<&Rigid<A::To, A::From>>) -> Judgement {
     let mut reasons = Reasons::default();
     for (error, between) in found.distance_errors_mm.iter().zip(["1 and 2", "2 and 3", "1 and 3"]) {
@@ -413,11 +414,11 @@ pub fn three_points<A: Arrangement>(found: &ThreePoints<A>, rough: Option<&Rigid
 
 /// An arm with a smaller error in left-out pictures needs no correction, mm.
 const GOOD_ARM_MM: f64 = 0.08;
-/// … nor does an arm with an error below this, if no correction removes any of the error.
+/// An arm with an error below this needs no correction either, if no correction removes any of the error, mm.
 const NEARLY_GOOD_ARM_MM: f64 = 0.15;
 
-/// Returns whether the arm needs no correction: if it is good as drawn, or if it is nearly good and a correction
-/// leaves the error. The error is then the scatter of the pictures.
+/// Returns whether the arm needs no correction: its nominal geometry is good, or it is nearly good and a correction
+/// does not reduce the error. The error is then the scatter of the pictures.
 pub fn needs_no_correction(found: &RobotFound) -> bool {
     let (before, after) = (found.left_out_before_mm, found.left_out_after_mm);
     before < GOOD_ARM_MM || (before < NEARLY_GOOD_ARM_MM && after > HELPS.1 * before)
@@ -452,7 +453,7 @@ pub fn robot(found: &RobotFound, views: usize) -> Judgement {
     reasons.judgement()
 }
 
-/// Judges whether the tool is good enough. Without an axis it may point, but not sand.
+/// Judges whether the tool is good enough. Without an axis the tool may be used to point, but not to sand.
 pub fn tool(point: &ToolPoint, axis: Option<&ToolAxis>, readings: &[Reading]) -> Judgement {
     let mut reasons = Reasons::default();
     let fitting: Vec<String> = readings.iter().map(|reading| format!(" ({reading})")).collect();

@@ -2,7 +2,7 @@
 //!
 //! Pose of the board in each picture → closed-form start by consensus → joint adjustment (`adjust`) over the
 //! stations that agree → test of every station against the adjustment without it → report of those that fail
-//! (`suspects`). The result states how far off it may be, in mm at a point of the panel, from the noise that the
+//! (`station_diagnosis`). The result states how far off it may be, in mm at a point of the panel, from the noise that the
 //! residuals show. If the residuals of neighbouring poses are alike, several poses count as one (`alike`). `gate`
 //! judges whether that is good enough.
 
@@ -26,7 +26,7 @@ use crate::geometry::{
 };
 use nalgebra::Matrix3;
 
-/// With fewer stations than this nothing is determined that could be checked.
+/// Minimum number of stations: with fewer, the result cannot be checked.
 pub const MIN_STATIONS: usize = 5;
 /// The probability with which a calibration sets aside a correct station.
 const FALSE_ALARM_PROBABILITY: f64 = 1e-3;
@@ -77,12 +77,13 @@ pub struct HandEye<A: Arrangement> {
     pub leave_one_out: (f64, String),
     /// Spread of the turns about the second axis, degrees.
     pub second_axis_deg: f64,
-    /// The stations that do not fit, with their probable meaning; judged with squares of the size by the motions.
+    /// The stations that do not fit, with their probable explanation; judged with squares of the size that the motions
+    /// show.
     pub suspects: Vec<Suspect>,
-    /// The size of the board's squares by the robot's motions; `None` if the poses do not determine it.
+    /// The size of the board's squares that the robot's motions show; `None` if the poses do not determine it.
     pub square: Option<SquareSize<A>>,
-    /// The focal length by the robot's motions; not determined if the squares have another size, which looks nearly
-    /// the same.
+    /// The focal length that the robot's motions show; not determined if the squares have another size, which has
+    /// nearly the same effect.
     pub focal: Option<SquareSize<A>>,
     /// Other readings of the poses that fit far better than the poses as they are written.
     pub readings: Vec<Reading>,
@@ -99,9 +100,9 @@ impl<A: Arrangement> HandEye<A> {
         redundancy(&self.adjusted, self.poses_each)
     }
 
-    /// Returns the same with a lens that is known only to this covariance: the lens adds to the stated uncertainty.
-    /// The pose is the same; it belongs to this lens. Points of a 3D camera hardly depend on the lens, and nothing
-    /// is added for them.
+    /// Returns this result for a lens that is known only to this covariance: the lens adds to the stated uncertainty.
+    /// The pose does not change; it is valid for this lens. Points of a 3D camera hardly depend on the lens, and
+    /// nothing is added for them.
     ///
     /// # Errors
     /// If a corner would be behind the camera.
@@ -124,12 +125,12 @@ impl<A: Arrangement> HandEye<A> {
         Ok(HandEye { lens_mm2, uncertainty_mm, square, focal, ..self })
     }
 
-    /// Returns how far the stated point moves if the focal length by the motions replaces the stated one, mm.
+    /// Returns how far the stated point moves if the focal length that the motions show replaces the stated one, mm.
     pub fn focal_moves_mm(&self) -> Option<f64> {
         self.focal.as_ref().map(|size| size.moves_mm(&self.adjusted, self.at))
     }
 
-    /// Returns how far the stated point moves if the squares' size by the motions replaces the stated one, mm.
+    /// Returns how far the stated point moves if the squares' size that the motions show replaces the stated one, mm.
     pub fn square_moves_mm(&self) -> Option<f64> {
         self.square.as_ref().map(|size| size.moves_mm(&self.adjusted, self.at))
     }
@@ -148,11 +149,12 @@ impl<A: Arrangement> HandEye<A> {
     }
 }
 
-/// Calibrates. `at` is the point at which the uncertainty is stated, in the camera's frame; without it, the middle
-/// of the places at which the board was seen.
+/// Calibrates a mount. `at` is the point at which the uncertainty is stated, in the camera's frame; without it, the
+/// middle of the positions at which the board was seen.
 ///
 /// # Errors
-/// If there are too few stations, or they rotate too little, look like radians, or contradict each other.
+/// If there are too few stations, or they rotate too little, their angles look like radians, or they contradict each
+/// other.
 pub fn hand_eye<A: Arrangement>(
     camera: &PinholeCamera,
     board: &Board,
@@ -273,7 +275,7 @@ fn enough<C: Frame>(stations: &[Station<C>]) -> Result<(), CalibError> {
     Ok(())
 }
 
-/// Refuses poses that turn too little, and poses that look like radians.
+/// Refuses poses that rotate too little, and poses with angles that look like radians.
 fn varied<C: Frame>(stations: &[Station<C>], poses: &[BoardPose<C>]) -> Result<(), CalibError> {
     let seen: Vec<_> = poses.iter().map(|pose| pose.camera_from_board.isometry().inverse()).collect();
     let said: Vec<_> = stations.iter().map(|station| *station.base_from_flange.isometry()).collect();
@@ -298,7 +300,8 @@ fn varied<C: Frame>(stations: &[Station<C>], poses: &[BoardPose<C>]) -> Result<(
     Ok(())
 }
 
-/// Returns the limit of the surprise: a station with a larger one does not belong to the others.
+/// Returns the maximum surprise (see [`influence::surprise`]): a station with a larger one does not belong to the
+/// others.
 fn limit<A: Arrangement>(adjusted: &Adjusted<A>, stations: usize) -> f64 {
     6.0 * f_quantile(6.0, adjusted.redundancy, 1.0 - FALSE_ALARM_PROBABILITY / stations as f64)
 }
@@ -356,12 +359,13 @@ impl<C: Frame> All<'_, C> {
             last = Some(adjusted);
             used = next;
         }
-        // Two stations at the limit may alternate: the last result is used, and both are in it or named.
+        // Two stations at the limit may alternate: the last result is used. Each of the two is then either used or
+        // reported.
         last.map(|adjusted| (adjusted, used)).ok_or(CalibError::NotSettled { what: "the choice of poses" })
     }
 
-    /// Measures the squares' size by the stations that agree. If it differs from the stated size, right stations
-    /// may have been set aside for this reason: they are chosen anew with squares of the measured size.
+    /// Determines the squares' size from the stations that agree. If it differs from the stated size, correct stations
+    /// may have been set aside for this reason: the stations are chosen again with squares of the measured size.
     fn square<A: Arrangement<From = C>>(&self, adjusted: &Adjusted<A>, used: &[bool]) -> Option<SquareSize<A>> {
         let chosen = |used: &[bool]| -> Vec<&Station<C>> {
             self.stations.iter().zip(used).filter(|(_, used)| **used).map(|(station, _)| station).collect()
@@ -388,7 +392,8 @@ impl<C: Frame> All<'_, C> {
         without.map_or(0.0, |without| influence::surprise(self.camera, &without, station, seen))
     }
 
-    /// Returns the adjustment without one used station, to first order. `None` if the rest determines nothing.
+    /// Returns the adjustment without one used station, approximated to first order. `None` if the other stations
+    /// determine nothing.
     fn without<A: Arrangement<From = C>>(&self, adjusted: &Adjusted<A>, index: usize) -> Option<Adjusted<A>> {
         let all = influence::inverse(&adjusted.covariance)?;
         let (gone, pull) = influence::information(self.camera, adjusted, &self.stations[index])?;

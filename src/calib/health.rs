@@ -1,5 +1,5 @@
-//! Is a calibration still valid? Judges verifications against a known target, and whether a cycle may start with
-//! the calibration.
+//! Judges verifications against a known target: whether a calibration is still valid, and whether a cycle may start
+//! with it.
 
 use super::board::Board;
 use crate::cell::{LensExtent, Limits};
@@ -21,7 +21,7 @@ pub struct Verification {
     /// What was verified: `scanner`, `flange_camera`, `tool`, or the force of a compliant tool, [`TOOL_FORCE`],
     /// with numbers in N.
     pub subject: String,
-    /// Largest distance between the known and the found place of the target, mm; for a force its error, N.
+    /// Largest distance between the known and the measured position of the target, mm; for a force its error, N.
     pub error: f64,
     /// The largest allowed error, in the same unit.
     pub limit: f64,
@@ -44,7 +44,7 @@ pub struct Strike {
     pub at_unix_s: i64,
 }
 
-/// What the cell's file demands of the last verification.
+/// The requirements of the cell's file for the last verification.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VerificationLimits {
     /// Largest error, in the unit of the subject.
@@ -60,7 +60,7 @@ impl VerificationLimits {
     }
 }
 
-/// Returns how far a board was found from its known place: the largest distance of its corners, mm.
+/// Returns how far a board is from its known pose: the largest distance of its corners, mm.
 pub fn distance_mm(
     known: &Rigid<Base, BoardFrame>,
     found: &Rigid<Base, BoardFrame>,
@@ -69,8 +69,9 @@ pub fn distance_mm(
     corners.iter().map(|&corner| known.distance_at_mm(*found, corner)).fold(0.0, f64::max)
 }
 
-/// Returns the side of a board's squares by touched corners, since the arm's lengths are metric. The factor fits
-/// the board's own distances to those between the touched places. `None` if fewer than two corners were touched.
+/// Returns the side of a board's squares that the touched corners show, since the arm's lengths are metric: the stated
+/// side times the factor that fits the board's own distances to those between the touched points. `None` if fewer than
+/// two corners were touched.
 pub fn square_by_touches(board: &Board, touched: &[(Point<BoardFrame>, Point<Base>)]) -> Option<f64> {
     let (mut both, mut own) = (0.0, 0.0);
     for (index, first) in touched.iter().enumerate() {
@@ -104,7 +105,7 @@ pub struct BoardMeasurement {
     pub measured_square_mm: Option<f64>,
 }
 
-/// States why corners seen like this cannot be this board's; `None` if they can.
+/// States why the seen corners cannot be those of this board; `None` if they can.
 pub fn no_such_board(look: &BoardMeasurement, board: &Board) -> Option<Reason> {
     let rms_px = look.pnp_rms_px;
     if rms_px.is_nan() || rms_px > MAX_PNP_RMS_PX {
@@ -139,8 +140,8 @@ pub fn outside_of_lens(extent: &LensExtent, pixels: impl IntoIterator<Item = Pix
     Some(Reason::new("outside_of_lens", message))
 }
 
-/// States why a measurement carries no information on the calibration: it is of another board, of a board at
-/// another place, or from another pose of the flange. `None` if it can be kept.
+/// States why a measurement carries no information on the calibration: it is of another board, of a board at another
+/// position, or from another pose of the flange. `None` if it can be used.
 ///
 /// A camera that was bumped shows the board displaced by less than half of the board's own diagonal, and rotated by
 /// less than 20°.
@@ -167,8 +168,8 @@ pub fn no_look_at(known: &Rigid<Base, BoardFrame>, look: &BoardMeasurement, boar
     })
 }
 
-/// States why a board's place is not learnt: the 3D camera's points and its picture give different distances;
-/// `None` if they agree.
+/// States why a board's pose is not accepted as a reference: the 3D camera's points and its picture give different
+/// distances; `None` if they agree.
 pub fn depth_differs(farther_mm: f64, limit_mm: f64) -> Option<Reason> {
     (farther_mm.is_nan() || farther_mm.abs() > limit_mm).then(|| {
         let [found, allowed] = apart(farther_mm.abs(), limit_mm, 2);
@@ -291,9 +292,9 @@ pub struct CameraHealth<'a> {
     pub calibration_hash: &'a str,
 }
 
-/// Judges whether a cycle may start on these calibrations.
+/// Judges whether a cycle may start with these calibrations.
 ///
-/// Rejects if a camera's [`health`] rejects, or if the newest touch with today's tool was beyond the limit. A tool
+/// Rejects if a camera's [`health`] rejects, or if the newest touch with the present tool was beyond the limit. A tool
 /// need not be touched: without a touch the robot's part of the error is not measured, and the budget states this.
 pub fn may_start(
     cameras: &[CameraHealth<'_>],

@@ -1,10 +1,10 @@
 //! The influence of one station, or of a lens error, on an adjustment: to first order, from its normal equations.
 //!
-//! A station adds its information Λᵢ to Λ = Σ Λᵢ and its gradient gᵢ. Without it the result moves by −(Λ − Λᵢ)⁻¹
-//! gᵢ; a station that was not part of the adjustment is compared with the result. A lens error δ moves the result
-//! by Λ⁻¹ B δ, with B the derivatives of the corners by the lens. A lens of covariance C therefore adds Λ⁻¹ B C Bᵀ
-//! Λ⁻¹. This is the largest part if the robot is good: an error of 0.1 px of the principal point rotates the mount
-//! by 0.1 px of view.
+//! A station adds its information Λᵢ to Λ = Σ Λᵢ and its gradient gᵢ. Without this station the result moves by −(Λ −
+//! Λᵢ)⁻¹ gᵢ; a station that was not part of the adjustment is compared with the result. A lens error δ moves the
+//! result by Λ⁻¹ B δ, with B the derivatives of the corners with respect to the lens. A lens of covariance C therefore
+//! adds Λ⁻¹ B C Bᵀ Λ⁻¹. This is the largest part if the robot is good: an error of 0.1 px of the principal point
+//! rotates the mount by the view angle of 0.1 px.
 
 use super::adjust::{Adjusted, prior, scaled_inverse};
 use super::arrangement::{Arrangement, Twist, log};
@@ -31,8 +31,8 @@ pub(super) fn information<A: Arrangement>(
 }
 
 /// The scatter of an arm itself, as standard deviations: a third of the pose repeatability of a KR 6 R700, ±0.03 mm
-/// (data sheet). The rotation causes this shift at 350 mm, half of the arm's reach. Because of this minimum, a few
-/// poses that fit better by chance do not make another one wrong.
+/// (data sheet). The rotation, `ARM_TURN_RAD`, causes this shift at 350 mm, half of the arm's reach. Because of this
+/// minimum, a few poses that fit better by chance do not make another pose appear wrong.
 const ARM_SHIFT_MM: f64 = 0.01;
 const ARM_TURN_RAD: f64 = 3e-5;
 

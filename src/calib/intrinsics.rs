@@ -107,7 +107,7 @@ pub struct Options {
     pub model: Option<LensModel>,
 }
 
-/// With fewer pictures than this no camera is determined.
+/// Minimum number of pictures: fewer determine no camera.
 pub const MIN_VIEWS: usize = 4;
 /// A picture whose residual is this multiple of the median is set aside.
 const OUTLIER_FACTOR: f64 = 2.5;
@@ -117,7 +117,7 @@ const GOOD_PX: f64 = 0.15;
 const MAX_ASIDE: f64 = 0.34;
 const FIELDS: (usize, usize) = (8, 6);
 
-/// Calibrates.
+/// Calibrates a camera's intrinsics from pictures of a board.
 ///
 /// # Errors
 /// If there are too few pictures, or their corners determine no camera.

@@ -13,7 +13,7 @@ use std::collections::{BTreeMap, VecDeque};
 /// Corners by column and row, any of which may be negative.
 pub(super) type Lattice = BTreeMap<(i32, i32), usize>;
 
-/// Neighbours are at least this far apart, px.
+/// Minimum distance of neighbours, px.
 const MIN_PX: f64 = 6.0;
 /// Maximum distance of neighbours, px: a larger board is found in a smaller picture.
 const MAX_PX: f64 = 170.0;
@@ -23,7 +23,7 @@ const FIRST_PX: f64 = 60.0;
 const CONE: f64 = 0.966;
 /// A neighbour must have an edge along the line from the corner: the largest angle, as a cosine.
 const ALONG: f64 = 0.90;
-/// A step differs from the prediction by the previous step by at most this share of its length.
+/// Maximum difference between a step and its prediction from the previous step, as a fraction of the step's length.
 const PREDICTION_TOLERANCE: f64 = 0.28;
 /// The number of crossings that are examined along a first edge.
 const MAX_NEIGHBOURS: usize = 10;

@@ -1,10 +1,10 @@
-//! Selects the lens model that the data support: each model is fitted without some of the pictures and judged by
-//! these.
+//! Selects the lens model that the data support: each model is fitted without some of the pictures and judged by its
+//! prediction of these pictures.
 //!
 //! A coefficient that the data do not support follows the noise and does not improve the prediction of left-out
 //! pictures. The simplest model that passes a test is selected: its left-out pictures are not worse than the best
-//! model's by more than the scatter of that comparison from picture to picture (the one-standard-error rule,
-//! Breiman et al. 1984).
+//! model's by more than the scatter of that comparison from picture to picture (the one-standard-error rule, Breiman
+//! et al. 1984).
 
 use super::detect::Corners;
 use super::lens_fit::{self, LensFit};
@@ -31,7 +31,7 @@ type LeftOut = Vec<f64>;
 pub(super) struct Choice {
     pub model: LensModel,
     pub trials: Vec<Trial>,
-    /// Each picture as it was left out, under the chosen model.
+    /// The distances in each picture when it was left out, under the chosen model.
     pub left_out: Vec<LeftOut>,
 }
 

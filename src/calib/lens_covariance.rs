@@ -1,14 +1,14 @@
-//! How well pictures determine a lens: the covariance of its nine numbers, with the boards' poses eliminated.
+//! How well pictures determine a lens: the covariance of its nine parameters, with the boards' poses eliminated.
 //!
-//! With J the derivatives of all corners by the lens and Jᵢ those by the pose of picture i,
+//! With J the derivatives of all corners with respect to the lens and Jᵢ those with respect to the pose of picture i,
 //!     C = σ² (Σ Jᵀ J − Σ Jᵀ Jᵢ (Jᵢᵀ Jᵢ)⁻¹ Jᵢᵀ J + σ² D)⁻¹.                                                      (1)
 //! A mount needs the whole of C, since principal point, tangential distortion and focal length are far from
 //! independent. D is the prior knowledge of any lens: no coefficient moves the picture's rim by more than a stated
-//! share of its radius, the principal point lies near the picture's middle, the focal lengths are nearly equal. It
-//! counts if the pictures carry no information. All five coefficients are in (1) with every model, since a
-//! coefficient that was left out is not known to be zero. σ² is that of the left-out pictures, if it is the larger.
-//! OpenCV states only the roots of C's diagonal, and those √2 too large or a little more: its σ² divides by the
-//! number of corners, although each has two rows.
+//! share of its radius, the principal point lies near the picture's middle, the focal lengths are nearly equal. This
+//! knowledge has an effect only if the pictures carry no information. All five coefficients are in (1) with every
+//! model, since a coefficient that was left out is not known to be zero. σ² is that of the left-out pictures, if it is
+//! the larger. OpenCV states only the roots of C's diagonal, and these roots are too large by a factor of √2 or a
+//! little more: OpenCV's σ² divides by the number of corners, although each corner has two rows.
 
 use super::adjust::scaled_inverse;
 use super::lens_fit::usual;

@@ -33,7 +33,7 @@ const MAX_STEPS: usize = 60;
 const BARRIER_PX2: f64 = 2.5e-3;
 /// The iteration ends when the sum of squares decreases by a smaller share.
 const CONVERGENCE_TOLERANCE: f64 = 1e-10;
-/// The smallest derivative of the distorted radius by the undistorted one.
+/// The smallest derivative of the distorted radius with respect to the undistorted one.
 const MIN_SLOPE: f64 = 0.05;
 const RADII: usize = 12;
 /// Usual standard deviation of the principal point from the middle, as a share of the picture's side.
@@ -41,7 +41,7 @@ const CENTRE_SHARE: f64 = 0.15;
 /// Usual standard deviation of the ratio of both focal lengths from 1.
 const RATIO: f64 = 0.02;
 
-/// Fits from a start; `None` if the corners determine no lens.
+/// Fits a lens from a start value; `None` if the corners determine no lens.
 pub(super) fn fit(model: LensModel, start: LensFit, views: &[&Corners]) -> Option<LensFit> {
     let mut here = State::new(restricted(model, &start.camera), start.poses, views)?;
     let mut damping = 1e-4;
@@ -206,7 +206,7 @@ impl State {
 }
 
 /// Returns how far the principal point and the ratio of the focal lengths are from the usual values, in standard
-/// deviations, and the derivatives by the lens.
+/// deviations, and the derivatives with respect to the lens.
 pub(super) fn usual(camera: &PinholeCamera) -> [(f64, SVector<f64, 9>); 3] {
     let [across, down] = [camera.width_px, camera.height_px].map(|size| size as f64);
     let by = |places: &[(usize, f64)]| {
@@ -223,7 +223,7 @@ pub(super) fn usual(camera: &PinholeCamera) -> [(f64, SVector<f64, 9>); 3] {
     ]
 }
 
-/// Returns s of (1) at each radius, and its derivative by the lens.
+/// Returns s of (1) at each radius, and its derivative with respect to the lens.
 fn barrier(camera: &PinholeCamera, radius: f64) -> impl Iterator<Item = (f64, SVector<f64, 9>)> {
     let PinholeCamera { k1, k2, k3, .. } = *camera;
     (1..=RADII).map(move |index| {

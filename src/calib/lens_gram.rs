@@ -1,4 +1,4 @@
-//! The normal equations of one picture of a board: the contributions of its corners to the lens's nine numbers and
+//! The normal equations of one picture of a board: the contributions of its corners to the lens's nine parameters and
 //! to the board's pose.
 
 use super::adjust::scaled_inverse;

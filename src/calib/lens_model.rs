@@ -40,7 +40,7 @@ impl LensModel {
         self.into()
     }
 
-    /// Returns whether the number at this index among fx, fy, cx, cy, k1, k2, p1, p2, k3 belongs to the model.
+    /// Returns whether the parameter at this index among fx, fy, cx, cy, k1, k2, p1, p2, k3 belongs to the model.
     pub fn has(self, place: usize) -> bool {
         COEFFICIENTS.iter().find(|(_, at, _)| *at == place).is_none_or(|(_, _, model)| *model <= self)
     }

@@ -1,6 +1,6 @@
 //! Suggests the picture of the board that would improve a lens most.
 //!
-//! The board is simulated in nine parts of the picture, flat and tilted four ways. Of the poses at which the
+//! The board is simulated in nine parts of the picture, flat and tilted in four directions. Of the poses at which the
 //! picture contains it completely, the best is the one after which the lens's error, summed over the picture, is
 //! least.
 
@@ -15,7 +15,7 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 /// A picture worth taking.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NextPicture {
-    /// Place and tilt of the board in the picture, in words.
+    /// Position and tilt of the board in the picture, in words.
     pub words: String,
     /// The middle of the board, px.
     pub middle: Pixel,

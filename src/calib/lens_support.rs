@@ -1,10 +1,10 @@
 //! The part of the picture that the data support: the pixels at which the lens is known to a stated error.
 //!
-//! C is the lens's covariance, J the derivative of a pixel by the lens, and Jp that by the pose of a board. A lens
-//! error δ makes a board appear displaced, and a pose compensates a part of that: P δ, by least squares over the
-//! corners that were used. The remainder, (J − Jp P) δ, cannot be compensated later; its 95 % circle is the error
-//! of the lens at that pixel. It grows from the centre of the corners outwards; the outline is the line at which it
-//! exceeds the limit.
+//! C is the lens's covariance, J the derivative of a pixel with respect to the lens, and Jp that with respect to the
+//! pose of a board. A lens error δ makes a board appear displaced, and a pose compensates a part of that: P δ, by
+//! least squares over the corners that were used. The remainder, (J − Jp P) δ, cannot be compensated later; its 95 %
+//! circle is the error of the lens at that pixel. It grows from the centre of the corners outwards; the outline is the
+//! line at which it exceeds the limit.
 
 use super::adjust::scaled_inverse;
 use super::detect::Corners;
@@ -25,8 +25,8 @@ pub struct Support {
 
 /// The largest allowed error of the lens, 95 %, px.
 pub const SUPPORT_PX: f64 = 0.3;
-/// … and the error that is stated if the pictures do not allow this anywhere: a multiple of the error in the
-/// middle, and its largest value, px.
+/// If the error is larger than [`SUPPORT_PX`] even in the middle of the corners, the stated error is this multiple of
+/// the error there; `MAX_PX` is its largest value, px.
 const MAX_RATIO_TO_MIDDLE: f64 = 1.5;
 const MAX_PX: f64 = 3.0;
 /// The 95 % quantile of χ² with two degrees of freedom.
@@ -47,8 +47,8 @@ pub(super) fn support(camera: &PinholeCamera, covariance: &LensCovariance, views
         pixels.iter().map(|pixel| pixel.u).sum::<f64>() / count,
         pixels.iter().map(|pixel| pixel.v).sum::<f64>() / count,
     );
-    // If the lens is less well known even in the middle, the stated part is the one in which it is hardly worse
-    // than there.
+    // If the error is larger than the limit even in the middle, the stated part is the one in which the error is
+    // hardly larger than there.
     let allowed_px = SUPPORT_PX.max(MAX_RATIO_TO_MIDDLE * error_at(middle));
     if allowed_px.is_nan() || allowed_px > MAX_PX {
         return nowhere;
@@ -83,7 +83,7 @@ fn to_the_rim(from: Pixel, turn: f64, (right, low): (f64, f64)) -> f64 {
     reach(from.u, turn.cos(), right).min(reach(from.v, turn.sin(), low)).max(0.0)
 }
 
-/// Returns P, the derivative of a board's pose by the lens.
+/// Returns P, the derivative of a board's pose with respect to the lens.
 fn follow(camera: &PinholeCamera, pixels: &[Pixel]) -> Option<SMatrix<f64, 6, 9>> {
     let (mut pose, mut cross) = (Matrix6::zeros(), SMatrix::<f64, 6, 9>::zeros());
     for pixel in pixels.iter().step_by(pixels.len().div_ceil(CORNERS).max(1)) {
@@ -94,7 +94,7 @@ fn follow(camera: &PinholeCamera, pixels: &[Pixel]) -> Option<SMatrix<f64, 6, 9>
     Some(scaled_inverse(&pose)? * cross)
 }
 
-/// Returns the derivatives of the pixel by the lens and by the pose of an object at unit distance.
+/// Returns the derivatives of the pixel with respect to the lens and to the pose of an object at unit distance.
 fn slopes(camera: &PinholeCamera, pixel: Pixel) -> Option<(SMatrix<f64, 2, 9>, SMatrix<f64, 2, 6>)> {
     let ray: crate::geometry::Vector<Camera> = camera.unproject(pixel)?;
     let point = Point::<Camera>::new(ray.mm.into());

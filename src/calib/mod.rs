@@ -11,9 +11,9 @@
 //!   to do next: `lens_next`; is the board flat: `board_shape`
 //! - `pose`: the board's pose from one picture
 //! - `three_points`: the thesis's own hand-eye calibration (3.7)
-//! - `hand_eye`, `consensus`, `chain`, `adjust`, `influence`, `suspects`, `suggest`: the same from many poses;
+//! - `hand_eye`, `consensus`, `chain`, `adjust`, `influence`, `station_diagnosis`, `suggest`: the same from many poses;
 //!   `alike`: how many poses count as one; `square`: the size of the board's squares by them; `readings`,
-//!   `meaning`: the intended meaning of poses that fit no mount
+//!   `pose_diagnosis`: the intended meaning of poses that fit no mount
 //! - `robot`, `robot_data`, `robot_settle`, `robot_found`, `arm_errors`, `robot_correction`, `robot_axes`: the
 //!   arm's own errors; how far off it may be: `robot_spread`; what to do next: `robot_next` · `tool`: tool point
 //!   and axis · `health`: is a calibration still true · `budget`: the error at the tool

@@ -1,9 +1,9 @@
-//! Refines corners that were found to about a pixel, to sub-pixel.
+//! Refines corners that were found to about a pixel, to sub-pixel accuracy.
 //!
-//! `cornerSubPix` moves each corner to the intersection of the grey gradients around it, and `saddle` fits a model
-//! of the grey levels, which is several times as precise. The window of ± N px must contain only one corner and
-//! enough edge: by default N is 0.35 of the shortest distance between neighbours, 3 to 11. If N is given, the
-//! corners are those of `cornerSubPix`, as OpenCV's users know them.
+//! `cornerSubPix` moves each corner to the intersection of the grey gradients around it, and `saddle` fits a model of
+//! the grey levels, which is several times as precise. The window of ± N px must contain only one corner and enough
+//! edge: by default N is 0.35 of the shortest distance between neighbours, 3 to 11. If N is given, the corners are
+//! those of `cornerSubPix`, as OpenCV's users know them.
 
 use super::board::{Board, Corners};
 use super::crossings::noise;
@@ -50,10 +50,10 @@ pub(super) fn refined(
     })
 }
 
-/// Places every corner that has neighbours by the model of the grey levels, if the model fits. If it does not fit,
-/// or places the corner badly, the print is searched near the place that the other corners predict. The less well
-/// the noise lets a corner be known, the more it is moved to the smooth surface through all corners. A corner that
-/// is not known well enough after that is left out.
+/// Locates every corner that has neighbours with the model of the grey levels, if the model fits. If the model does
+/// not fit, or its position is not accurate, the print is searched for near the position that the other corners
+/// predict. The less accurate a corner is because of noise, the more it is moved to the smooth surface through all
+/// corners. A corner that is still not accurate enough is left out.
 pub(super) fn modelled(
     picture: &GrayPicture,
     board: &Board,
@@ -66,7 +66,7 @@ pub(super) fn modelled(
     let mut placed: Vec<Option<CornerEstimate>> =
         found.corners.iter().map(|(q, pixel)| model.place(*q, *pixel, window_px)).collect();
     let enough = 2 * placed.iter().flatten().count() >= found.corners.len();
-    // If the model places too few corners, those that were seen are known well enough to begin with.
+    // If the model locates too few corners, the other corners that were seen are accurate enough as a start.
     let begun: Vec<Option<CornerEstimate>> = match enough {
         true => placed.clone(),
         false => found

@@ -54,8 +54,8 @@ mod tests {
     use super::*;
     use crate::geometry::Camera;
 
-    /// Calculated by hand: a quarter turn about Z, then 100 mm ahead. The mirror image of the plane is not a
-    /// solution.
+    /// Calculated by hand: a quarter turn about Z, then a shift of 100 mm along Z. The mirror image of the plane is
+    /// not a solution.
     #[test]
     fn measured_points_give_the_pose() {
         let places = [[0.0, 0.0], [200.0, 0.0], [200.0, 125.0], [0.0, 125.0], [75.0, 50.0]];

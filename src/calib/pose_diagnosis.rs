@@ -1,13 +1,13 @@
-//! Describes in words how poses that fit no mount were probably meant.
+//! Describes in words what poses that fit no mount were probably meant to be.
 
 use crate::number_text::fixed;
 
-/// A way in which poses may have been meant.
+/// A possible intended meaning of poses that fit no mount.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Meaning {
-    /// `flange_from_base`, or a camera of the other mount.
+    /// The poses are `flange_from_base`, or the camera has the other mount.
     Inverted {
-        /// Whether the mount is wrong. The nearer one of camera and board is on the flange.
+        /// Whether the other mount is more probable: the nearer one of camera and board is on the flange.
         other_mount: bool,
     },
     /// Three angles in another order or about other axes; the text names them.
@@ -41,14 +41,14 @@ pub enum Meaning {
     },
 }
 
-/// A reading with which the poses fit.
+/// An interpretation of the poses in which they fit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reading {
     /// The meaning.
     pub meaning: Meaning,
     /// The median distance of the boards, mm.
     pub median_mm: f64,
-    /// The residual of the best of the other readings, mm.
+    /// The residual of the best of the other interpretations, mm.
     pub next_mm: f64,
 }
 

@@ -38,7 +38,7 @@ pub(super) struct Matched {
     pub at: Pixel,
     /// The standard deviation of the position along each axis, from noise and residuals, px.
     pub deviation_px: f64,
-    /// White less black, grey levels.
+    /// White minus black, grey levels.
     pub contrast: f64,
     /// The residual of the grey levels after the fit of the print, rms.
     pub left: f64,
@@ -46,7 +46,7 @@ pub(super) struct Matched {
     pub slant: f64,
 }
 
-/// The place and the way in which the print around it is examined.
+/// How the print around a position is examined.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct View {
     /// The homography from the board, mm, to the picture near the position.
@@ -224,8 +224,8 @@ impl Print {
     }
 }
 
-/// Returns the candidate that leaves the least. A print that is found at far fewer places than another one is the
-/// wrong one.
+/// Returns the candidate with the smallest residual. A candidate that is found at far fewer positions than another one
+/// is excluded.
 pub(super) fn likest<const N: usize>(tried: [(f64, (usize, f64)); N]) -> Option<f64> {
     let most = tried.iter().map(|(_, (count, _))| *count).max()?;
     let all = tried.into_iter().filter(|(_, (count, _))| *count > 0 && 4 * count >= 3 * most);
@@ -292,7 +292,7 @@ fn fitted(drawn: &Drawn, noise: f64) -> Option<Matched> {
     Some(Matched { at, deviation_px, contrast, left: rms, slant })
 }
 
-/// Blurs with a Gauss function of this standard deviation.
+/// Blurs with a Gaussian of this standard deviation.
 fn blurred(from: &[f32], side: usize, sigma_px: f64) -> Vec<f32> {
     if sigma_px < 0.2 {
         return from.to_vec();

@@ -17,7 +17,7 @@ pub fn student_quantile(redundancy: f64, probability: f64) -> f64 {
     StudentsT::new(0.0, 1.0, redundancy.clamp(1.0, 1e5)).map_or(f64::INFINITY, |t| t.inverse_cdf(probability))
 }
 
-/// The number of standard errors, for this redundancy, that contains 95 % to both sides.
+/// Returns the number of standard errors to each side that contains 95 %, for this redundancy.
 pub fn student_95(redundancy: f64) -> f64 {
     student_quantile(redundancy, 0.975)
 }

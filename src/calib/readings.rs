@@ -2,15 +2,16 @@
 //!
 //! Programs write a pose in many ways: inverted, with other angles, as a rotation vector, one picture late. Each of
 //! these readings is applied to all poses, and the closed-form mount of `consensus` is tried with it. The right
-//! reading leaves tenths of a millimetre, any other one centimetres, so that the reading that fits can be named.
-//! Nothing is repaired: the person corrects the file.
+//! reading leaves tenths of a millimetre, any other one centimetres, so that the reading that fits can be named. The
+//! file is not changed: a person must correct it.
 //!
-//! Some mistakes look alike and are named together. A mount of the other kind has the same equations as inverted
-//! poses. Left-handed axes are a point reflection up to a rotation of base and flange: each position is negated. A
-//! selected base frame or tool fits as well as none: only the rough mount of the cell's file shows it.
+//! Some mistakes have the same effect and are reported together. A mount of the other kind has the same equations as
+//! inverted poses. Left-handed axes are a point reflection up to a rotation of base and flange: each position is
+//! negated. Poses in a base frame or of a tool fit as well as correct ones: only the rough mount of the cell's file
+//! shows this mistake.
 //!
-//! If the ratio k of robot to board lengths is an unknown, the linear part of the closed form also determines k.
-//! For stations i, j
+//! If the ratio k of robot to board lengths is an unknown, the linear part of the closed form also determines k. For
+//! stations i, j
 //!     (Hᵢ − Hⱼ) x + k (Hᵢ X bᵢ − Hⱼ X bⱼ) = hⱼ − hᵢ,                                                                  (1)
 //! with the moved part (H, h) of the chain, the mount (X, x) and the board's position b.
 
@@ -154,8 +155,8 @@ fn ways() -> Vec<(Meaning, Way)> {
         ),
         angles(NEW_Z, |[a, b, c]| turn_about('z', a) * turn_about('y', b) * turn_about('z', c)),
         angles(NEW_X_NEW_Z, |[a, b, c]| turn_about('z', a) * turn_about('x', b) * turn_about('z', c)),
-        // In these readings the second angle ranges up to 180°. The rotation only determines the triple with the
-        // smaller one.
+        // In these readings the second angle may be up to 180°. The rotation determines only the triple with the
+        // smaller second angle.
         angles(NEW_Z, |angles| {
             let [a, b, c] = other_triple(angles);
             turn_about('z', a) * turn_about('y', b) * turn_about('z', c)
@@ -172,8 +173,8 @@ fn ways() -> Vec<(Meaning, Way)> {
         (
             Meaning::RotationVector { radians: false },
             by_angles(|angles| {
-                // The rotation determines A, B, C except for the other triple of the same rotation; a rotation
-                // vector is at most half a turn.
+                // The rotation determines A, B, C only up to a second triple. The shorter of the two is taken, since a
+                // rotation vector is at most half a turn.
                 let [written, other] = [angles, other_triple(angles)].map(Vector3::from);
                 UnitQuaternion::from_scaled_axis(if other.norm() < written.norm() { other } else { written })
             }),
@@ -213,7 +214,7 @@ fn kuka([a, b, c]: [f64; 3]) -> UnitQuaternion<f64> {
     turn_about('z', a) * turn_about('y', b) * turn_about('x', c)
 }
 
-/// Returns the pose with the rotation of its angles A, B, C in the other reading, in rad.
+/// Returns the change of a pose whose angles A, B, C, in rad, are interpreted by `turn`.
 fn by_angles(turn: fn([f64; 3]) -> UnitQuaternion<f64>) -> Way {
     Box::new(move |pose: &Isometry3<f64>| {
         let written: KukaPose = KukaPose::from_rigid(&Rigid::<Base, Flange>::claim(*pose));
@@ -250,8 +251,8 @@ struct ClosedForm {
     board: Isometry3<f64>,
 }
 
-/// Returns the mount by the three stations that agree best with all; with `free`, lengths of board and robot differ
-/// by a factor.
+/// Returns the mount from the three stations that agree best with all; with `free`, lengths of board and robot may
+/// differ by a factor.
 fn closed_form(
     holder_from_to: &[Isometry3<f64>],
     camera_from_board: &[Isometry3<f64>],

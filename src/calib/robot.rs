@@ -1,14 +1,14 @@
 //! Estimates the arm's own errors from pictures of boards and from touches, together with camera mounts, boards and
 //! tool tip.
 //!
-//! The unknowns are the arm's numbers p (of `arm_errors`, or of a smooth correction if no axis angles are known),
-//! the mount and the board of each rig, the tip and the spots that it touched. A picture gives the pose of the
-//! board in the camera's frame. With the residual twists r of pictures and the residual vectors of touches, each
-//! divided by its standard deviation,
+//! The unknowns are the arm's parameters p (of `arm_errors`, or of a smooth correction if no axis angles are known),
+//! the mount and the board of each rig, the tip and the spots that it touched. A picture gives the pose of the board
+//! in the camera's frame. With the residual twists r of pictures and the residual vectors of touches, each divided by
+//! its standard deviation,
 //!     Σ r² + Σ (p / usual size)²                                                                                  (1)
-//! is minimised. The second sum is prior knowledge of any arm: a number that the data do not determine keeps the
-//! value of the drawing. The ratio of its standard deviation after the estimate to that before states how well it
-//! is determined. The scatter is estimated from the residuals, and the size of the prior from the arm's numbers.
+//! is minimised. The second sum is prior knowledge of any arm: a parameter that the data do not determine keeps its
+//! nominal value. The ratio of its standard deviation after the estimate to that before states how well it is
+//! determined. The scatter is estimated from the residuals, and the size of the prior from the arm's parameters.
 //!
 //! The result is judged by cross-validation on pictures that were left out, with and without p.
 
@@ -24,9 +24,9 @@ use super::robot_settle::{Settled, State, settle};
 use super::robot_spread::spread;
 use nalgebra::Vector3;
 
-/// With fewer pictures than this no arm is estimated.
+/// Minimum number of pictures: with fewer, no arm is estimated.
 pub const MIN_VIEWS: usize = 12;
-/// How often the size of this arm's numbers is estimated.
+/// Number of times that the size of this arm's parameters is estimated.
 const SIZINGS: usize = 3;
 /// The number of groups in which pictures are left out.
 pub(super) const GROUPS: usize = 5;
@@ -48,11 +48,11 @@ fn nominal(data: &RobotData) -> Correction {
     }
 }
 
-/// Estimates the arm.
+/// Estimates the arm's errors.
 ///
 /// # Errors
-/// If there are too few pictures, axis angles contradict the pictures or the controller's poses, or nothing
-/// settles.
+/// If there are too few pictures, axis angles contradict the pictures or the controller's poses, touches do not
+/// determine the tip, or the iteration does not converge.
 pub fn calibrate(data: &RobotData) -> Result<RobotFound, CalibError> {
     let unsettled = || CalibError::NotSettled { what: "the arm" };
     if data.views.len() < MIN_VIEWS {
@@ -130,7 +130,7 @@ fn wrong_touch(data: &RobotData) -> Option<String> {
         .iter()
         .filter_map(|touch| if let Touched::Spot(spot) = touch.at { Some(spot) } else { None })
         .collect();
-    // A spot uses up one of its touches, the tip another.
+    // Each spot uses up one touch, and the tip needs two.
     let (told, needed) = (data.touches.len(), free.len() + 2);
     (told > 0 && told < needed).then(|| {
         format!(

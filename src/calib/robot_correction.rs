@@ -47,7 +47,8 @@ pub enum Correction {
 
 /// Steps of the fixed-point iteration that inverts (2); each reduces the error to about a thousandth.
 const INVERSE_STEPS: usize = 8;
-/// Nothing is measured or touched farther outside of the measured volume than this share of its half size.
+/// Maximum distance from the measured volume at which anything is measured or touched, as a fraction of the volume's
+/// half size.
 const BEYOND: f64 = 0.1;
 
 impl Correction {
@@ -74,7 +75,7 @@ impl Correction {
     /// Returns the flange's true pose, (1) or (2); `None` if the correction needs axis angles and there are none.
     pub fn base_from_flange(&self, pose: &ArmPose) -> Option<Rigid<Base, Flange>> {
         match self {
-            // The difference between the controller's own parameters and the nominal geometry stays.
+            // A difference between the controller's own parameters and the nominal geometry is preserved.
             Correction::Geometry { geometry, errors } => {
                 Some(pose.base_from_flange * off(geometry, errors, pose.joints.as_ref()?))
             }
@@ -106,7 +107,7 @@ impl Correction {
         }
     }
 
-    /// Returns whether the correction was measured at this place of the flange.
+    /// Returns whether the correction is valid at this pose of the flange.
     pub fn covers(&self, base_from_flange: &Rigid<Base, Flange>) -> bool {
         match self {
             Correction::Geometry { .. } => true,
@@ -155,7 +156,7 @@ impl Correction {
         }
     }
 
-    /// Returns the name of a number with its unit, and the factor that converts the number to this unit.
+    /// Returns the name of a parameter with its unit, and the factor that converts the parameter to this unit.
     pub fn name(&self, index: usize) -> (String, f64) {
         match self {
             Correction::Geometry { .. } => arm_errors::name(index),
@@ -171,7 +172,7 @@ impl Correction {
     }
 }
 
-/// Returns the pose of the real arm's flange in that of the drawing, at these axis angles.
+/// Returns the pose of the real arm's flange relative to the nominal arm's flange, at these axis angles.
 fn off(geometry: &ArmGeometry, errors: &[f64; ARM_NUMBERS], joints: &Joints) -> Rigid<Flange, Flange> {
     let drawn = arm_errors::base_from_flange(geometry, joints, &[0.0; ARM_NUMBERS]);
     drawn.inverse() * arm_errors::base_from_flange(geometry, joints, errors)

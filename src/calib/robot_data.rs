@@ -21,7 +21,7 @@ pub enum RigKind {
     EyeInHand,
 }
 
-/// A camera with the board that it sees, and the approximate places of both.
+/// A camera with the board that it sees, and the approximate poses of both.
 #[derive(Debug, Clone)]
 pub struct Rig {
     /// Which moves.
@@ -93,9 +93,9 @@ pub(super) fn information(
 /// The object that the tip touches.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Touched {
-    /// A spot by its number, which is fixed and not known; touches of one spot share it.
+    /// A fixed spot at an unknown position, by its number; all touches of one spot have the same number.
     Spot(usize),
-    /// A corner of the fixed board before the camera on the flange.
+    /// A corner of the fixed board that the camera on the flange sees.
     Corner {
         /// The rig with that board.
         rig: usize,

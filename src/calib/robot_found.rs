@@ -14,8 +14,8 @@ pub struct Number {
     pub value: f64,
     /// The parameter's uncertainty, 95 %.
     pub uncertainty: f64,
-    /// Its deviation after the estimate divided by that before: 1 if the data carry no information, 0 if they
-    /// determine it completely.
+    /// The parameter's standard deviation after the estimate divided by that before: 1 if the data carry no
+    /// information, 0 if they determine the parameter completely.
     pub untold: f64,
 }
 
@@ -30,7 +30,8 @@ pub struct RobotFound {
     pub rigs: Vec<Rig>,
     /// The tip on the flange, if there were touches, mm.
     pub tip_mm: Option<Vector3<f64>>,
-    /// How far left-out pictures put the board from its expected place, rms, mm: with mounts and boards alone.
+    /// The rms distance of the board from its expected position in left-out pictures, with only mounts and boards
+    /// estimated, mm.
     pub left_out_before_mm: f64,
     /// The rms distance of the board from its expected position in left-out pictures, with the correction, mm.
     pub left_out_after_mm: f64,

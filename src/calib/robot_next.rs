@@ -1,10 +1,12 @@
-//! Suggests the pose that would improve the calibration of an arm most, and reports whether any pose still would.
+//! Suggests the pose that would improve the calibration of an arm most, and reports whether any further pose would
+//! improve it.
 //!
-//! A rig's board is simulated in parts of its camera's picture, tilted and rotated, within the distances at which
-//! it was seen. The caller states which of these flange poses the arm may take, and with which axes. A picture has
-//! the information W, and its twist depends on the unknowns by J. It reduces their covariance C to
+//! A rig's board is simulated in parts of its camera's picture, tilted and rotated, within the distances at which it
+//! was seen. The caller states which of these flange poses the arm may take, and with which axes. A picture has the
+//! information W, and J is the derivative of its twist with respect to the unknowns. The picture reduces their
+//! covariance C to
 //!     C − C Jᵀ (J C Jᵀ + W⁻¹)⁻¹ J C.                                                                          (1)
-//! The best picture is the one after which the uncertainty of the least certain determined number is smallest.
+//! The best picture is the one after which the uncertainty of the least certain determined parameter is smallest.
 
 use super::adjust::scaled_inverse;
 use super::arrangement::log;
@@ -61,7 +63,7 @@ impl NextPose {
 
 /// A picture is not worth taking if a larger share of the tip's stated error remains after it.
 const MAX_REMAINING_SHARE: f64 = 0.95;
-/// A number counts as determined if less than this share of its usual deviation is left.
+/// A parameter counts as determined if less than this fraction of its usual deviation is left.
 pub const DETERMINED_SHARE: f64 = 0.7;
 const PARTS: [f64; 3] = [0.28, 0.5, 0.72];
 const TILTS_DEG: [f64; 2] = [20.0, 42.0];
@@ -146,8 +148,8 @@ struct Gain {
     tip_share: f64,
 }
 
-/// Returns the best of the candidates; `volume` contains the poses at which the tip's error counts. `None` if there
-/// is no candidate, or the data determine no number.
+/// Returns the best of the candidates; `volume` contains the poses at which the tip's error counts. `None` if there is
+/// no candidate, or the data determine no parameter.
 pub fn next_pose(found: &RobotFound, candidates: &[Candidate], volume: &[ArmPose]) -> Option<NextPose> {
     let own = found.state.own();
     let told = (0..own).filter(|index| found.numbers[*index].untold < DETERMINED_SHARE);

@@ -8,7 +8,8 @@ use super::robot_settle::{Settled, State};
 use crate::geometry::{Flange, Point};
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Vector3};
 
-/// Returns how a place moves with each unknown, mm; `None` if the place does not exist.
+/// Returns the derivative of a position with respect to each unknown, the position in mm; `None` if the position
+/// cannot be computed.
 pub(super) fn slope(
     state: &State,
     covariance: &DMatrix<f64>,
@@ -34,7 +35,7 @@ pub(super) fn spread(settled: &Settled, place: &dyn Fn(&State) -> Option<Vector3
 
 impl State {
     /// Returns the tip at a pose: in the frame of the fixed camera if there is one, else in the base. The tip must
-    /// go to the place as the camera sees it.
+    /// reach the position that the camera sees.
     pub(super) fn tip_seen(&self, pose: &ArmPose) -> Option<Vector3<f64>> {
         let tip = self.correction.base_from_flange(pose)? * Point::<Flange>::new(self.tip.into());
         let fixed = self.rigs.iter().find(|rig| rig.kind == RigKind::EyeToHand);
@@ -44,9 +45,9 @@ impl State {
 }
 
 impl RobotFound {
-    /// Returns how far the corrected tip may be at a pose from its place by the fixed camera (without one, by the
-    /// base), 95 %, mm. The scatter of left-out pictures is included. `None` if the correction needs axes and there
-    /// are none.
+    /// Returns the uncertainty of the corrected tip's position at a pose, relative to the fixed camera (without one,
+    /// to the base), 95 %, mm. The scatter of left-out pictures is included. `None` if the correction needs axis
+    /// angles and there are none.
     pub fn tip_uncertainty_mm(&self, pose: &ArmPose) -> Option<f64> {
         let slope = slope(&self.state, &self.covariance, &|state| state.tip_seen(pose))?;
         Some(self.radius_mm(&(&slope * &self.covariance * slope.transpose())))

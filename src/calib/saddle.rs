@@ -1,15 +1,15 @@
-//! A corner to a hundredth of a pixel: a model of the grey levels around it, fitted to them.
+//! Locates a corner to a hundredth of a pixel, by fitting a model to the grey levels around it.
 //!
 //! If two edges of a chessboard cross at c, a pixel at x with signed distances d₁, d₂ from the edges has the grey
 //! level
 //!     g(x) = (m + a · E(d₁) · E(d₂)) · (1 + l · (x − c)),   E(d) = ∫ erf(t / (s √2)) dt from d − ½ to d + ½,      (1)
-//! with mean m, half contrast a (its sign states which squares are black), blur s of the lens and light that falls
-//! off by l. A pixel averages over itself, which for an edge of any direction is nearly the mean over 1 px across
-//! the edge. Least squares over the window by Levenberg–Marquardt finds c, both directions and the rest. The
-//! pattern is the same seen from the other side of c, and so a wrong profile of the blur does not move c. Every
-//! pixel of both edges counts, while `cornerSubPix`, which gives the start value, follows noise in the gradients.
+//! with mean m, half contrast a (its sign states which squares are black), blur s of the lens and light that falls off
+//! by l. A pixel averages over itself, which for an edge of any direction is nearly the mean over 1 px across the
+//! edge. Least squares over the window by Levenberg–Marquardt finds c, both directions and the rest. The pattern is
+//! the same seen from the other side of c, and so a wrong profile of the blur does not move c. Every pixel of both
+//! edges counts, while `cornerSubPix`, which gives the start value, follows noise in the gradients.
 //!
-//! Does not find corners, and returns none if the model does not fit.
+//! This module does not detect corners, and returns `None` if the model does not fit.
 
 use crate::geometry::{GrayPicture, Pixel};
 use nalgebra::{SMatrix, SVector, Vector2};
@@ -25,7 +25,7 @@ const MAX_MOVE_PX: f64 = 1.5;
 const MIN_CONTRAST: f64 = 6.0;
 /// Maximum residual of the model, as a share of the half contrast, in addition to the picture's noise.
 const MAX_LEFT: f64 = 0.25;
-/// … beside the picture's noise. Its mean square over a window spreads by this many deviations.
+/// The noise's own mean square over a window may be larger than expected by this number of standard deviations.
 const NOISE_SPREAD: f64 = 3.0;
 const START_BLUR_PX: f64 = 0.8;
 /// The smallest blur of the model, px: no lens is sharper.
@@ -60,7 +60,7 @@ pub(super) fn refine(
     judged(&patch, (&model, &sums), start, noise)
 }
 
-/// Returns the model with the least squares; `None` if it does not settle.
+/// Returns the model with the smallest sum of squares; `None` if the iteration does not converge.
 fn settled(patch: &Patch, mut model: Model) -> Option<(Model, Sums)> {
     let mut here = patch.sums(&model);
     let mut damping = 1e-3;
@@ -88,7 +88,7 @@ fn settled(patch: &Patch, mut model: Model) -> Option<(Model, Sums)> {
     None
 }
 
-/// Returns the corner if the model is sound.
+/// Returns the corner if the fitted model is plausible.
 fn judged(patch: &Patch, (model, sums): (&Model, &Sums), start: Pixel, noise: f64) -> Option<Saddle> {
     let count = patch.pixels.len() as f64;
     let mean_square = sums.square / count;

@@ -1,14 +1,14 @@
-//! The size of the board's squares by the robot's motions, which are metric.
+//! The size of the board's squares, determined from the robot's motions, which are metric.
 //!
 //! A board with squares that differ from the stated size appears farther away or nearer than it is, and the mount
-//! absorbs the difference. Its residuals stay small and its stated uncertainty too. With the size as one more
-//! unknown s of (1) in `adjust`,
+//! absorbs the difference. Its residuals stay small and its stated uncertainty too. With the size as one more unknown
+//! s of (1) in `adjust`,
 //!     p = X⁻¹ · Mᵢ(eᵢ) · Y · (1 + s) q,                                                                              (1)
-//! the data determine it. The method is Gauss–Newton: one step for s with mount, board and every eᵢ eliminated,
-//! then the adjustment again with squares of the new size, until s stays. A lens of covariance C adds its part, as
-//! in `influence`: a focal length that is off looks nearly like squares of another size. The focal length is tested
-//! in the same way: motions towards the camera determine it, while the ratio of the board's size to motions across
-//! the view determines the squares.
+//! the data determine it. The method is Gauss–Newton: one step for s with mount, board and every eᵢ eliminated, then
+//! the adjustment again with squares of the new size, until s no longer changes. A lens of covariance C adds its part,
+//! as in `influence`: a wrong focal length has nearly the same effect as squares of another size. The focal length is
+//! tested in the same way: motions towards the camera determine it, while the ratio of the board's size to motions
+//! across the view determines the squares.
 
 use super::adjust::{self, Adjusted, prior, scaled_inverse};
 use super::arrangement::Arrangement;
@@ -39,7 +39,7 @@ pub struct SquareSize<A: Arrangement> {
 }
 
 impl<A: Arrangement> SquareSize<A> {
-    /// Returns the 95 % bound of the ratio, to both sides.
+    /// Returns the half width of the ratio's 95 % interval.
     pub fn ratio_95(&self) -> f64 {
         student_quantile(self.redundancy, 0.975) * self.deviation
     }
@@ -99,7 +99,7 @@ fn with_factor<C: Frame>(
     }
 }
 
-/// Measures the size by these stations, from an adjustment over them; `None` if they do not determine it.
+/// Determines the size from these stations, starting from an adjustment over them; `None` if they do not determine it.
 pub(super) fn measure<A: Arrangement>(
     camera: &PinholeCamera,
     stations: &[&Station<A::From>],
@@ -169,7 +169,8 @@ fn step<A: Arrangement>(
     let of_noise = inverse[(12, 12)] * adjusted.noise.corner.powi(2);
     let of_lens = lens.map_or(0.0, |lens| {
         if of == Factor::Focal {
-            // The factor is the lens's own error: the one that the lens's file states, and no more.
+            // The factor of the focal length is an error of the lens itself: only the variance that the lens's file
+            // states counts.
             return lens[(0, 0)].max(lens[(1, 1)]) / camera.fx_px.powi(2);
         }
         let moved = inverse.row(12) * of_lens;

@@ -44,7 +44,7 @@ pub enum Fault {
         key: &'static str,
         /// The value in the file.
         written: f64,
-        /// The value by the picture.
+        /// The value that the picture shows.
         seen: f64,
     },
     /// Two exchanged angles or lengths.
@@ -54,7 +54,7 @@ pub enum Fault {
         /// The other.
         other: &'static str,
     },
-    /// The picture itself is doubtful: the board has a grazing angle in it.
+    /// The picture itself is doubtful: the board is seen at a grazing angle.
     Grazing {
         /// Angle between the board's normal and the line of sight, degrees.
         tilt_deg: f64,
@@ -80,7 +80,7 @@ pub enum Fault {
 pub struct Suspect {
     /// The picture.
     pub name: String,
-    /// The distance between the positions of the board's middle by picture and by robot, mm.
+    /// The distance between the positions of the board's middle that picture and robot give, mm.
     pub mm: f64,
     /// What is probably wrong.
     pub fault: Fault,

@@ -89,7 +89,7 @@ fn turned<C: crate::geometry::Frame>(
     Rigid::claim(moved)
 }
 
-/// Returns the station as it would be, or `None` if the board leaves the picture or is tilted too far.
+/// Returns the station that a picture would give, or `None` if the board leaves the picture or is tilted too far.
 fn sighted<A: Arrangement>(
     camera: &PinholeCamera,
     board: &Board,

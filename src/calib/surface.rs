@@ -7,14 +7,16 @@ use super::saddle::Saddle;
 use crate::geometry::{Board as BoardFrame, GrayPicture, Pixel, Point, median};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2};
 
-/// Minimum limit of a corner's distance from the surface through the others, px; beyond its limit the corner counts
-/// as another one. The limit is at least `OUTLIER_MEDIANS` times the median distance of all corners.
+/// Minimum of the largest allowed distance of a corner from the surface through the others, px; a corner that is
+/// farther away counts as wrong. The allowed distance is at least `OUTLIER_MEDIANS` times the median distance of all
+/// corners.
 const OUTLIER_PX: f64 = 0.4;
 const OUTLIER_MEDIANS: f64 = 5.0;
-/// … and, if it is placed well, by this multiple of the surface's own deviation there.
+/// The allowed distance of a well-located corner is also at least this multiple of the surface's own standard
+/// deviation there.
 const UNCERTAIN: f64 = 5.0;
-/// The smallest limit at a well-located corner, px: at a board's outer corners a lens bends by more than a third
-/// degree.
+/// The smallest allowed distance of a well-located corner, px: at a board's outer corners the distortion of a lens may
+/// be of a higher degree than the third.
 const MIN_OUTLIER_PX: f64 = 0.9;
 /// The largest standard deviation with which a single corner is accepted, px.
 pub(super) const KNOWN_PX: f64 = 0.2;
@@ -34,12 +36,12 @@ pub(super) const START_PX: f64 = 1.5;
 pub(super) const BLUR_CORNERS: usize = 6;
 /// The standard deviation of corners from a smooth surface that prints and lenses cause, px.
 const ROUGH_PX: f64 = 0.05;
-/// A place that has lost more than this share of the contrast of those within `NEAR` squares lies in a glare's rim.
-/// The rim moves it, by `PALE_PX` for the whole contrast.
+/// A corner that has lost more than this fraction of the contrast of the corners within `NEAR` squares lies at the
+/// edge of a glare. The edge displaces the corner, by `PALE_PX` if the whole contrast is lost.
 const PALE: f64 = 0.15;
 const NEAR: f64 = 2.6;
 const PALE_PX: f64 = 1.5;
-/// Light that changes within the window by more than this share of the contrast is also a glare's rim.
+/// Light that changes within the window by more than this fraction of the contrast also shows the edge of a glare.
 const SLANT: f64 = 0.1;
 const SLANT_PX: f64 = 1.0;
 /// The model's usual residual in addition to the noise, as a share of the half contrast. With a larger one the
@@ -76,7 +78,7 @@ impl CornerEstimate {
     }
 }
 
-/// Returns how well a place is known, from its deviation by noise, the remainder of the model as a share of the
+/// Returns the standard deviation of a position from its deviation by noise, the model's residual as a fraction of the
 /// half contrast, and the slant of the light.
 fn doubt_px(deviation_px: f64, left: f64, slant: f64) -> f64 {
     let of_model_px = LEFT_PX * (left - USUAL_LEFT).max(0.0);
@@ -103,7 +105,8 @@ pub(super) const TERMS: usize = 10;
 const LENS: f64 = 0.5;
 
 impl Surface {
-    /// Fits the surface to corners with these deviations, each way; `None` if there are too few to compare.
+    /// Fits the surface to corners with these standard deviations along each axis; `None` if there are too few to
+    /// compare.
     pub fn through(corners: &Corners, deviations_px: &[f64], width_px: f64) -> Option<Self> {
         if corners.len() < 2 * TERMS {
             return None;
@@ -126,7 +129,8 @@ impl Surface {
         };
         let trust: Vec<f64> =
             deviations_px.iter().map(|noise_px| 1.0 / (ROUGH_PX.powi(2) + noise_px.powi(2))).collect();
-        // A lens bends a small board less: this much is usual for the terms of third degree.
+        // A lens bends a small board less: the usual size of the terms of third degree follows from the board's size
+        // in the picture.
         let reach_px = places.iter().zip(&pixels).map(|(_, p)| p.distance_px(pixels[0])).fold(0.0, f64::max) / 2.0;
         let cubic_px = LENS * reach_px.powi(3) / (width_px * width_px) + 0.01;
         let mut usual = SMatrix::<f64, TERMS, TERMS>::identity() * 1e-6;
@@ -156,8 +160,8 @@ impl Surface {
         Some(surface)
     }
 
-    /// Returns the largest distance of this corner from the surface, px; a more distant one is another corner. The
-    /// limit is larger for a corner with an uncertain position, which has a smaller weight.
+    /// Returns the largest allowed distance of this corner from the surface, px; a corner that is farther away counts
+    /// as wrong. The limit is larger for a corner with an uncertain position, which has a smaller weight.
     pub fn limit_px(&self, q: Point<BoardFrame>, placed: &CornerEstimate) -> f64 {
         let is_well = placed.deviation_px < WELL_PX;
         let own_px = if is_well { (UNCERTAIN * self.variance(q).sqrt()).max(MIN_OUTLIER_PX) } else { 0.0 };
@@ -171,8 +175,8 @@ impl Surface {
         (terms.transpose() * self.spread * terms)[(0, 0)]
     }
 
-    /// Returns a pixel between a corner's own place and that on the surface, by how well each is known; `None` if
-    /// neither is.
+    /// Returns the mean of a corner's own position and its position on the surface, weighted by their variances;
+    /// `None` if the result is not accurate enough.
     pub fn drawn(&self, q: Point<BoardFrame>, placed: CornerEstimate) -> Option<Pixel> {
         let there = self.at(q);
         let of_surface = self.rough_px.powi(2) + self.variance(q);
@@ -209,7 +213,7 @@ impl Surface {
         (q.mm.coords.xy() - self.middle) / self.reach_mm
     }
 
-    /// Returns the surface's pixel for a place on the board.
+    /// Returns the pixel of a position on the board by the surface.
     pub fn at(&self, q: Point<BoardFrame>) -> Pixel {
         let place = self.place(q);
         let there = on_plane(&self.plane, &place) + self.bend.transpose() * terms(&place);
@@ -217,7 +221,7 @@ impl Surface {
     }
 }
 
-/// Returns a plane's pixel for a place on the board, mm.
+/// Returns the pixel of a position on the board, mm, by a homography.
 pub(super) fn pixel_of(plane: &Matrix3<f64>, [x, y]: [f64; 2]) -> Pixel {
     let there = on_plane(plane, &Vector2::new(x, y));
     Pixel::at(there.x, there.y)
@@ -245,8 +249,8 @@ pub(super) fn surface_of(
     Surface::through(&corners, &deviations, picture.width as f64)
 }
 
-/// Corners that lose a part of their contrast by a glare, compared with those around them, become less certain: the
-/// glare's rim moves them.
+/// Increases the uncertainty of corners that have lost a part of their contrast by a glare, compared with those around
+/// them: the edge of the glare displaces them.
 pub(super) fn doubted(
     corners: &Corners,
     placed: Vec<Option<CornerEstimate>>,

@@ -1,14 +1,14 @@
 //! Hand-eye calibration by three touched points (thesis 3.7, Eq. 3.14–3.19), with the checks that are possible.
 //!
 //! The pointer touches three corners of the board. The frame through them (Eq. 3.14–3.17, Z normalised) is built
-//! twice, from the touched places and from the places of these corners on the board, so that any three corners may
+//! twice, from the touched points and from the positions of these corners on the board, so that any three corners may
 //! be touched:
 //!     base_from_board = base_from_frame · frame_from_board,   to_from_camera = to_from_board · board_from_camera.
-//! A wrong corner cannot show in the picture, since the chain cancels. It shows in the distances between the
-//! touched places, in a rough mount if one is known, and in a fourth touched corner, which gives the only true
-//! residual. Four corners of a rectangle look the same from its other end: the fourth shows this only if it breaks
-//! the symmetry. If a person counts all four corners from the other end, their distances are still right: only a
-//! rough mount shows that.
+//! A wrong corner cannot be noticed in the picture, since its error cancels in the chain. It shows in the distances
+//! between the touched points, in a rough mount if one is known, and in a fourth touched corner, which gives the only
+//! true residual. Four corners of a rectangle look the same from its other end: the fourth shows this only if it
+//! breaks the symmetry. If a person counts all four corners from the other end, their distances are still right: only
+//! a rough mount shows that.
 
 use super::arrangement::Arrangement;
 use super::error::CalibError;
@@ -23,7 +23,7 @@ use nalgebra::Isometry3;
 pub struct Touched {
     /// The corner's column and row, from 0.
     pub corner: (usize, usize),
-    /// The place of the pointer's tip.
+    /// The position of the pointer's tip.
     pub place: Point<Base>,
 }
 
@@ -38,7 +38,7 @@ pub struct ThreePoints<A: Arrangement> {
     pub pnp_rms_px: f64,
     /// Touched distance minus the board's nominal one: 1–2, 2–3, 1–3, mm.
     pub distance_errors_mm: [f64; 3],
-    /// Distance of the fourth touched corner from its place by the result, mm.
+    /// Distance of the fourth touched corner from its position by the result, mm.
     pub check_mm: Option<f64>,
     /// Whether the same corners, touched from another end of the board, would have the same distances.
     pub looks_alike: bool,
@@ -49,8 +49,8 @@ const MIN_SINE: f64 = 0.1;
 /// Minimum distance between touched points, in squares.
 const MIN_SQUARES: f64 = 2.5;
 
-/// Calibrates. `touched` are three corners and, as the fourth, an optional check; `base_from_flange` is the flange
-/// at the picture, used if the camera is on the flange.
+/// Calibrates a camera mount. `touched` are three corners and, as the fourth, an optional check; `base_from_flange` is
+/// the flange at the picture, used if the camera is on the flange.
 ///
 /// # Errors
 /// If a corner is not on the board, the points are collinear or too close, or the picture gives no pose.

@@ -10,7 +10,7 @@ pub(super) struct Address {
     /// The name or IP address, without brackets.
     pub host: String,
     pub port: u16,
-    /// From `/` on and without `/` at its end; empty if there is none.
+    /// The path, from its first `/` and without `/` at its end; empty if there is none.
     pub path: String,
 }
 

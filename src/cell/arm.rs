@@ -21,7 +21,7 @@ pub enum ArmModel {
     Custom,
 }
 
-/// The word for an arm with all of its numbers in the file.
+/// The keyword for an arm with all of its numbers in the file.
 const CUSTOM: &str = "custom";
 
 impl Setting for ArmModel {
@@ -53,7 +53,7 @@ settings! {
         c3_mm: Option<f64>, 1.0..=5_000.0, default None;
         /// From the wrist's centre to the flange, mm.
         c4_mm: Option<f64>, 0.0..=2_000.0, default None;
-        /// The angle of each axis with the model's arm pointing straight up, degrees.
+        /// The angle of each axis at which the model's arm points straight up, degrees.
         offsets_deg: Option<[f64; 6]>, -360.0..=360.0, default None;
         /// 1 if an axis turns as the model's does, −1 if it turns the other way.
         signs: Option<[f64; 6]>, -1.0..=1.0, default None;
@@ -131,7 +131,7 @@ impl Arm {
         &self.keep_out
     }
 
-    /// Returns how the arm differs from its drawing, if that was measured.
+    /// Returns the measured deviations of the arm from its nominal geometry, if they were measured.
     pub fn correction(&self) -> Option<&CorrectionNumbers> {
         self.correction.as_ref()
     }

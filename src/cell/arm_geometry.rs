@@ -24,7 +24,7 @@ pub struct ArmGeometry {
     pub c3_mm: f64,
     /// Wrist to flange, mm.
     pub c4_mm: f64,
-    /// The angle of each axis with the model's arm pointing straight up, degrees.
+    /// The angle of each axis at which the model's arm points straight up, degrees.
     pub offsets_deg: PerAxis,
     /// 1 or −1 for each axis.
     pub signs: [i8; 6],

@@ -23,7 +23,7 @@ pub enum BrokerLogin {
     Anybody,
     /// With a file of credentials, as `nsc` writes it.
     Credentials(PathBuf),
-    /// By a user's name and the password that is alone in a file.
+    /// With a user's name, and a file that contains only the password.
     Password {
         /// The user.
         user: String,
@@ -32,13 +32,13 @@ pub enum BrokerLogin {
     },
 }
 
-/// The scheme without encryption; `SCHEMES` are both with their usual port, which is the same.
+/// The scheme without encryption; `SCHEMES` contains both schemes with their usual port, which is the same.
 const OPEN: &str = "nats";
 const SCHEMES: [(&str, u16); 2] = [(OPEN, 4_222), ("tls", 4_222)];
 
 impl Broker {
-    /// Reads the address under this key and the keys that belong to it; the outer `None` is a problem, the inner
-    /// one no broker.
+    /// Reads the address under this key and the keys that belong to it. The outer `None` means that there is a
+    /// problem, the inner one that no broker is named.
     pub fn parse(folder: &Path, section: &Section<'_, '_>, key: &'static str) -> Option<Option<Broker>> {
         let keys = [key, "ca", "credentials", "user", "password_file"];
         let [address, ca, credentials, user, password_file] =
@@ -85,7 +85,7 @@ impl Broker {
 mod tests {
     use super::super::Cell;
 
-    /// A password is refused if it would go to another computer without encryption, since everyone on the way could
+    /// A password is refused if it would go to another computer without encryption, since anyone on the network could
     /// read it.
     #[test]
     fn a_password_goes_encrypted() {

@@ -1,7 +1,8 @@
-//! Calibration files: intrinsics of a camera, and the mounts of cameras and tool. Reader and writer together.
+//! Calibration files: intrinsics of a camera, and the mounts of cameras and tool. This module contains both reader and
+//! writer.
 //!
-//! The numbers pass through TOML without loss. The file states their origin (date, serial, residuals); the code
-//! that uses them judges whether they are good enough.
+//! The numbers pass through TOML without loss. The file states their origin (date, serial, residuals); the code that
+//! uses them judges whether they are good enough.
 
 use super::board_size::BoardSize;
 use super::date::Date;
@@ -50,7 +51,7 @@ impl Setting for Covariance {
 pub struct Intrinsics {
     /// The camera.
     pub camera: PinholeCamera,
-    /// The covariance of the intrinsics; without it, they are used as exact.
+    /// The covariance of the intrinsics; without a covariance they count as exact.
     pub covariance: Option<LensCovariance>,
     /// Serial number of the camera that was calibrated.
     pub serial: Option<String>,
@@ -224,7 +225,7 @@ pub trait Mount {
     const TABLE: &'static str;
     /// Whether this mount has an axis that a calibration may or may not have measured.
     const HAS_AXIS: bool = false;
-    /// Whether it is a board; its file then states the board's size.
+    /// Whether the mounted object is a board; its file then states the board's size.
     const IS_BOARD: bool = false;
 }
 
@@ -248,7 +249,7 @@ impl Mount for FlangeCameraMount {
     const TABLE: &'static str = "flange_from_camera";
 }
 
-/// `[flange_from_tool]`: the place of the sanding tool's contact, Z out of the pad.
+/// `[flange_from_tool]`: the pose of the sanding tool's contact, Z out of the pad.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ToolMount {}
 
@@ -259,7 +260,7 @@ impl Mount for ToolMount {
     const HAS_AXIS: bool = true;
 }
 
-/// `[base_from_board]`: the place of a board by which calibrations are verified.
+/// `[base_from_board]`: the pose of a board by which calibrations are verified.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TargetMount {}
 

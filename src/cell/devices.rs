@@ -132,8 +132,8 @@ impl Robot {
         self.state_port
     }
 
-    /// Returns the sum of the controller's programs and of `cell_config.dat` with which the cell was accepted;
-    /// `None` if none was kept.
+    /// Returns the checksum of the controller's programs and of `cell_config.dat` with which the cell was accepted;
+    /// `None` if none was stored.
     pub fn programs_sum(&self) -> Option<i32> {
         self.programs_sum
     }
@@ -144,7 +144,7 @@ impl Robot {
     }
 }
 
-/// Returns whether a host is this computer: no one can listen on the way to it.
+/// Returns whether a host is this computer: then the traffic does not go over a network.
 pub(super) fn is_this_computer(host: &str) -> bool {
     host == "localhost" || host.parse::<IpAddr>().is_ok_and(|address| address.is_loopback())
 }

@@ -1,9 +1,8 @@
-//! Lenses as other programs write them, in YAML: OpenCV's FileStorage, ROS's `camera_info`, and a Zivid's
-//! intrinsics.
+//! Lenses as other programs write them, in YAML: OpenCV's FileStorage, ROS's `camera_info`, and a Zivid's intrinsics.
 //!
-//! All three state Brown's model with k1, k2, p1, p2, k3, as our own file does. A lens of another model is refused,
-//! since its first numbers would be read as ours. Zivid's file does not state the picture's size. Text in, a lens
-//! out.
+//! All three state Brown's model with k1, k2, p1, p2, k3, as the file of this program does. A lens of another model is
+//! refused, since its first numbers would be read as those of Brown's model. Zivid's file does not state the picture's
+//! size. The input is a text, the result is a lens.
 
 use crate::geometry::PinholeCamera;
 use saphyr::{LoadableYamlNode, Scalar, Yaml};
@@ -21,7 +20,7 @@ pub(super) fn is_lens(text: &str) -> bool {
 /// Reads the lens.
 ///
 /// # Errors
-/// What is missing or of another kind, and how to correct it.
+/// If something is missing or of another kind; the text states how to correct it.
 pub(super) fn read(text: &str) -> Result<PinholeCamera, String> {
     // OpenCV begins its files with a directive that is not valid YAML, and tags its matrices.
     let plain: Vec<String> = text

@@ -3,7 +3,7 @@
 use super::devices::Kind;
 use crate::config::Section;
 
-/// The pixel formats that a cell may name: brightness, and the four orders of a colour sensor's filters, one byte a pixel.
+/// The pixel formats that a cell may name: monochrome, and the four Bayer orders of a colour sensor, one byte a pixel.
 pub const PIXEL_FORMATS: [&str; 5] = ["BayerRG8", "BayerGR8", "BayerGB8", "BayerBG8", "Mono8"];
 
 /// A GigE Vision camera.

@@ -1,4 +1,4 @@
-//! `[limits]`: numbers that hold for every panel of the cell. A recipe may override a number if its description
+//! `[limits]`: values that are valid for every panel of the cell. A recipe may override a number if its description
 //! states this.
 
 use crate::config::{Section, settings};
@@ -38,7 +38,7 @@ settings! {
         verify_max_age_h: f64, 0.1..=8_760.0, default 24.0;
         /// Lower corner of the box that the tool's tip must not leave, in the base frame, mm.
         box_min_mm: Option<[f64; 3]>, -5_000.0..=5_000.0, default None;
-        /// Upper corner of that box, in the base frame, mm.
+        /// Upper corner of the box that the tool's tip must not leave, in the base frame, mm.
         box_max_mm: Option<[f64; 3]>, -5_000.0..=5_000.0, default None;
         /// Longest distance from one waypoint to the next, mm.
         max_step_mm: f64, 1.0..=1_000.0, default 100.0;

@@ -9,7 +9,7 @@ use strum::VariantArray;
 /// The inputs that the line sets, by their names in `[io.feedbacks]`.
 pub const LINE_INPUTS: [&str; 2] = ["part_present", "start_request"];
 
-/// The data with which a cycle begins that the line requests.
+/// The data for a cycle that the line requests.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Line {
     /// The recipe's file.
@@ -18,7 +18,7 @@ pub struct Line {
     pub serial: Option<String>,
     /// Its work order.
     pub order: Option<String>,
-    /// The person responsible, named as the operator.
+    /// The responsible person, who is named as the operator.
     pub operator: Option<String>,
 }
 

@@ -1,4 +1,4 @@
-//! `[io.line_outputs]`: the outputs that inform a line.
+//! `[io.line_outputs]`: the outputs that report the cell's state to a line.
 
 use crate::config::Section;
 use std::collections::BTreeMap;
@@ -21,7 +21,7 @@ pub enum LineSignal {
     Fail,
     /// `review`: the cycle waits for a person's decision on a result.
     Review,
-    /// `fault`: a person is needed. The controller itself sets it if it does not hear from this program.
+    /// `fault`: a person is needed. The controller itself sets it if it receives nothing from this program.
     Fault,
 }
 
@@ -37,7 +37,7 @@ impl LineSignal {
     }
 }
 
-/// Reads `[io.line_outputs]`: an output for the line is none that the process switches.
+/// Reads `[io.line_outputs]`: an output for the line must not be one that the process switches.
 pub(super) fn parse_line_outputs(
     section: &Section<'_, '_>,
     numbers: BTreeMap<String, u16>,

@@ -1,8 +1,9 @@
 //! The cell: one TOML file for each robot cell, and the calibration files it names, checked like a recipe.
 //!
-//! It states what is connected, the arm's park pose, the names of inputs and outputs, which calibrations hold, and
-//! the limits for every panel. File names are relative to the cell file's folder. A file may omit what a command
-//! does not need (offline work has no poses); the code that needs it reports it. The caller reads the disk.
+//! It states what is connected, the arm's park pose, the names of inputs and outputs, which calibrations are valid,
+//! and the limits for every panel. File names are relative to the cell file's folder. A file may omit what a command
+//! does not need (offline work has no poses); the code that needs a missing value reports it. The caller reads the
+//! files.
 
 mod address;
 mod arm;
@@ -311,7 +312,7 @@ impl Cell {
         &self.calibration
     }
 
-    /// Returns the places of the cameras, measured by hand: a three-point calibration is compared with them.
+    /// Returns the poses of the cameras, measured by hand: a three-point calibration is compared with them.
     pub fn rough(&self) -> &RoughMounts {
         &self.rough
     }
@@ -356,7 +357,7 @@ impl Cell {
         self.line.as_ref()
     }
 
-    /// Returns the same cell with its arm corrected as this file states, the one that `[calibration]` names.
+    /// Returns the cell with its arm corrected by `correction`, which comes from the file that `[calibration]` names.
     #[must_use]
     pub fn corrected(self, correction: CorrectionNumbers) -> Self {
         Cell { arm: self.arm.corrected(correction), ..self }

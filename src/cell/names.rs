@@ -57,7 +57,8 @@ impl Output {
         self.into()
     }
 
-    /// Returns the feedback that shows whether the output had its effect; that of the spray shows that it is off.
+    /// Returns the feedback that shows whether the output had its effect; the feedback of the spray shows that the
+    /// spray is off.
     pub fn feedback(self) -> Feedback {
         match self {
             Output::Light => Feedback::LightOn,
@@ -83,8 +84,8 @@ pub enum Feedback {
     ExtractionFlow,
     /// `tool_running`: the sander rotates.
     ToolRunning,
-    /// `tool_stands`: the sander is at rest. With `tool_running` it makes a pair of which one is always on. Off is
-    /// then proven by a signal that is present, and a broken wire is noticed.
+    /// `tool_stands`: the sander is at rest. This signal and `tool_running` are a pair of which one is always on. The
+    /// state off is then proven by a signal that is present, and a broken wire is detected.
     ToolStands,
 }
 
@@ -134,12 +135,12 @@ impl InputsOutputs {
         &self.off_after_s
     }
 
-    /// Returns the number of an output that informs a line.
+    /// Returns the number of the output that reports this signal to a line.
     pub fn line_output(&self, signal: LineSignal) -> Option<u16> {
         self.line_outputs.get(signal.name()).copied()
     }
 
-    /// Returns all of them in the order of CELL_LINE, 0 if the cell has none.
+    /// Returns the numbers of all outputs for a line, in the order of CELL_LINE; 0 if the cell has no such output.
     pub fn line_outputs(&self) -> [u16; 6] {
         let mut numbers = [0; 6];
         for signal in LineSignal::VARIANTS {
@@ -170,8 +171,8 @@ impl InputsOutputs {
         bit(&self.outputs, number)
     }
 
-    /// Returns whether "tool off" is proven by a signal that is present; without it a broken wire reads like a tool
-    /// at rest.
+    /// Returns whether "tool off" is proven by a signal that is present. Without such a signal, a broken wire looks
+    /// like a tool at rest.
     pub fn proves_tool_off(&self) -> bool {
         [Feedback::ToolRunning, Feedback::ToolStands].iter().all(|feedback| self.feedback(*feedback).is_some())
     }
@@ -239,7 +240,7 @@ pub(super) fn parse_io(section: &Section<'_, '_>) -> Option<InputsOutputs> {
     for (name, number) in &constant {
         feedbacks.problem(name, format!("found {number}; $IN[1025] is always true and $IN[1026] always false"));
     }
-    // The inputs that prove that water or tool are off are never set by this program.
+    // The inputs that prove that water or tool is off are never set by this program.
     let proves = |number: &u16| io.feedbacks.values().any(|feedback| feedback == number);
     let feigned: Vec<_> = io.mapped_inputs.iter().filter(|(_, number)| proves(number)).collect();
     for (name, number) in &feigned {

@@ -16,7 +16,7 @@ pub struct Office {
     pub broker: Broker,
     /// The name that identifies this cell at the office.
     pub cell: CellName,
-    /// A record that the office does not have after this many minutes is an alarm.
+    /// A record that the office does not have after this many minutes raises an alarm.
     pub behind_min: usize,
 }
 

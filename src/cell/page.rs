@@ -9,12 +9,12 @@ use std::path::{Path, PathBuf};
 pub struct Page {
     /// The address and port; without it there is no page.
     pub listen: Option<SocketAddr>,
-    /// The certificate's file and its key's, PEM; without them the program makes its own if others can reach the
-    /// page.
+    /// The files of the certificate and of its key, PEM; without them the program makes its own certificate if other
+    /// computers can reach the page.
     pub certificate: Option<[PathBuf; 2]>,
     /// The folder of the recipes that can be started.
     pub recipes: PathBuf,
-    /// A file with the page's words in further languages.
+    /// A translation table: the page's texts in further languages.
     pub words: Option<PathBuf>,
     /// The number of minutes without an action after which a session ends.
     pub idle_min: usize,

@@ -15,11 +15,11 @@ const SCHEMES: [(&str, u16); 2] = [("https", 443), ("http", 80)];
 pub struct Push {
     /// The folder of the server below which each file is put.
     pub to: WebFolder,
-    /// The certificate of the authority that has signed the server's, PEM, with `https://`.
+    /// The certificate of the authority that has signed the server's certificate, PEM, with `https://`.
     pub ca_certificate: Option<PathBuf>,
     /// The file of the token that the server requires.
     pub token_file: Option<PathBuf>,
-    /// A record that the server does not have after this many minutes is an alarm.
+    /// A record that the server does not have after this many minutes raises an alarm.
     pub behind_min: usize,
 }
 

@@ -1,5 +1,5 @@
-//! `[removal]`: how much the disc removes, as `panelprep calibrate removal` found it on coupons. Reader and writer
-//! together.
+//! `[removal]`: how much the disc removes, as `panelprep calibrate removal` found it on coupons. This module contains
+//! both reader and writer.
 
 use super::date::Date;
 use super::provenance::{Provenance, line};

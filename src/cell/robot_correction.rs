@@ -16,7 +16,7 @@ pub const SMOOTH_NUMBERS: usize = 24;
 pub enum CorrectionNumbers {
     /// Errors of the arm's geometry: the axis angles are needed to apply them.
     Geometry([f64; GEOMETRY_NUMBERS]),
-    /// A motion that changes smoothly with the flange's place.
+    /// A motion that changes smoothly with the flange's position.
     Smooth {
         /// The middle of the measured volume, mm.
         middle_mm: [f64; 3],

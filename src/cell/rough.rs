@@ -1,4 +1,4 @@
-//! `[rough]`: the places of the cameras, measured by hand with a tape. They limit the result of a calibration.
+//! `[rough]`: the poses of the cameras, measured by hand with a tape. The result of a calibration must be near them.
 
 use crate::config::Section;
 use crate::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose, Rigid};

@@ -1,5 +1,5 @@
 //! `[scanner_errors]` in the 3D camera's own file: the result of `panelprep calibrate scanner` from scans of a flat
-//! board. Reader and writer together.
+//! board. This module contains both reader and writer.
 
 use super::date::Date;
 use super::provenance::{Provenance, line};

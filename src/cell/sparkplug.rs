@@ -45,7 +45,7 @@ pub struct SparkplugNode {
 /// How the broker proves its identity, and the cell its own.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct BrokerTls {
-    /// The certificate of the authority that has signed the broker's, PEM.
+    /// The certificate of the authority that has signed the broker's certificate, PEM.
     pub ca_certificate: PathBuf,
     /// The cell's own certificate and its key, PEM, if the broker requires one.
     pub own: Option<[PathBuf; 2]>,
@@ -110,7 +110,7 @@ fn both(
     }
 }
 
-/// Reads the TLS settings. Without TLS everyone on the way could read the password and send commands: only a broker
+/// Reads the TLS settings. Without TLS anyone on the network could read the password and send commands: only a broker
 /// on this computer needs no TLS.
 fn parse_tls(
     folder: &Path,

@@ -1,5 +1,5 @@
-//! `[tool]`: whether the sanding tool presses by a spring or by a force of its own, and the settings that a
-//! compliant one needs.
+//! `[tool]`: whether the sanding tool presses with a spring or with its own force control, and the settings that a
+//! compliant tool needs.
 
 use super::devices::is_host;
 use crate::config::{Choice, Section};
@@ -29,7 +29,7 @@ impl Tool {
 /// A compliant tool.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CompliantTool {
-    /// Its address; `None` for the simulated one, inside the program.
+    /// The tool's address; `None` for the simulated tool, which is inside the program.
     pub address: Option<ToolAddress>,
     /// The log-in word.
     pub login: String,
@@ -43,7 +43,7 @@ pub struct CompliantTool {
     pub max_force_n: f64,
     /// The mass that the actuator carries, kg.
     pub payload_kg: f64,
-    /// The reading of its sensor at no force, N.
+    /// The reading of the tool's sensor without force, N.
     pub zero_n: f64,
     /// Time from one command to the next, ms.
     pub period_ms: u16,
@@ -78,7 +78,7 @@ impl Choice for Kind {
         &[("spring", Kind::Spring), ("simulated", Kind::Simulated), ("acf", Kind::Acf)];
 }
 
-/// Keys of every compliant tool; `OF_ACF` are those of a tool at the end of a cable.
+/// Keys of every compliant tool; `OF_ACF` are the additional keys of a tool that is connected over the network.
 const OF_COMPLIANT: [&str; 10] = [
     "stroke_mm",
     "min_force_n",
@@ -92,7 +92,7 @@ const OF_COMPLIANT: [&str; 10] = [
     "contact_ms",
 ];
 const OF_ACF: [&str; 4] = ["host", "tcp_port", "login", "id"];
-/// The keys that a tool at the end of a cable must state: they are known from nowhere else.
+/// The keys that a tool on the network must state: their values are known from no other source.
 const REQUIRED: [(&str, &str); 5] = [
     ("host", "kind = \"acf\" needs the address of its controller"),
     ("stroke_mm", "kind = \"acf\" needs its stroke, in mm, from its data sheet"),

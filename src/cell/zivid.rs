@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 /// `kind = "zivid"`: a Zivid 3D camera behind its vendor's SDK.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct ZividCamera {
-    /// Its serial number; without this and without a file, the only camera found is used.
+    /// The camera's serial number; without a serial number and a file camera, the only camera that is found is used.
     pub serial: Option<String>,
     /// A file camera, `.zfc`, instead of a real one: the SDK plays raw pictures that were recorded before.
     pub file_camera: Option<PathBuf>,
@@ -15,7 +15,7 @@ pub struct ZividCamera {
     pub settings: Option<PathBuf>,
     /// The settings of colour pictures, as Zivid Studio saves them; needed for such a picture.
     pub settings_2d: Option<PathBuf>,
-    /// `libpanelprep_zivid.so`; if none is stated, it is searched like any library.
+    /// `libpanelprep_zivid.so`; if none is stated, it is searched for like any library.
     pub library: Option<PathBuf>,
 }
 

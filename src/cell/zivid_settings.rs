@@ -1,12 +1,12 @@
 //! A Zivid camera's settings, YAML files as Zivid Studio saves them: the values that this program must check before
 //! the SDK reads them.
 //!
-//! 3D shots are taken with a file with `Settings`, pictures of the film with a file with `Settings2D`. A film is
-//! lit by the cell's own lamp: the camera's projector would appear on the water as a moving glare, and it heats the
+//! 3D shots are taken with a file with `Settings`, pictures of the film with a file with `Settings2D`. A film is lit
+//! by the cell's own lamp: the camera's projector would appear on the water as a moving glare, and it heats the
 //! camera. So Brightness must be 0 in every acquisition of a film's settings, and must be stated: the SDK's own
 //! default switches the projector on. A lamp on alternating current flickers with half of the mains' period; an
-//! exposure of a multiple of this time gets the same light each time. All other values are checked by the SDK. Text
-//! in, values out.
+//! exposure of a multiple of this time gets the same light each time. All other values are checked by the SDK. The
+//! input is a text, the result is its values.
 
 use crate::config::{Problem, Problems};
 use saphyr::{LoadableYamlNode, MarkedYaml, Scalar, YamlData};
@@ -70,7 +70,7 @@ impl ZividSettings {
     /// Reads settings of either kind; `file` is the file's name in messages.
     ///
     /// # Errors
-    /// If the text is no YAML, is of neither kind, or of a kind and wrong: each problem with line and key.
+    /// If the text is no YAML, is of neither kind, or has problems: each problem with line and key.
     pub fn read(file: &str, text: &str) -> Result<Self, Problems> {
         let mut list = Vec::new();
         let found = read(text, None, &mut list);
@@ -102,7 +102,7 @@ impl ZividSettings {
         (!self.exposures_us.is_empty()).then(|| self.exposures_us.iter().sum())
     }
 
-    /// Returns the mains with lamps that light each exposure alike.
+    /// Returns the mains frequencies at which a lamp gives each exposure the same light.
     pub fn fitting(&self) -> Vec<Mains> {
         let fits = |mains: &Mains| self.exposures_us.iter().all(|exposure_us| mains.fits(*exposure_us));
         Mains::ALL.iter().copied().filter(|mains| !self.exposures_us.is_empty() && fits(mains)).collect()
@@ -282,7 +282,7 @@ mod tests {
             assert_eq!(settings.fitting(), [Mains::Hz50]);
         }
         assert!(film.summary()[2].contains("mains of 50 Hz"), "{:?}", film.summary());
-        // The sample's comment states this for the other mains.
+        // The comment in the sample states this exposure for the other mains frequency.
         let film_60 = FILM_FILE.replace("20000", "16667");
         let film_60 = ZividSettings::read("film.yml", &film_60).unwrap_or_else(|p| panic!("{p}"));
         assert_eq!(film_60.fitting(), [Mains::Hz60]);

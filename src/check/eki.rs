@@ -1,11 +1,11 @@
 //! Checks classic EthernetKRL files, shipped or foreign: errors, pitfalls, and a description of the channel.
 //!
-//! The client's reader (`eki::channel`) notes everything that differs from the manual. Here `traps` finds what the
-//! controller accepts although it leads to trouble, `clash` finds conflicts between two files, and `say` describes
-//! a channel. Facts: `eki.md` 1 and 6. RAW channels, channels that the controller dials and unknown names are read
-//! as well, and all problems are reported.
+//! The client's reader (`eki::channel`) notes everything that differs from the manual. Here `pitfalls` finds what the
+//! controller accepts although it leads to problems, `clash` finds conflicts between two files, and `describe`
+//! describes a channel. The facts are in `eki.md` 1 and 6. RAW channels, channels on which the controller connects as
+//! a client, and unknown names are read as well, and all problems are reported.
 //!
-//! Does not judge the newer dialect of EthernetKRL 6; it reports that the file is one.
+//! This module does not judge the newer dialect of EthernetKRL 6; it only reports that a file is written in it.
 
 mod clash;
 mod describe;

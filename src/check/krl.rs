@@ -27,7 +27,7 @@ pub(super) fn check(files: &[(usize, &str, &str)], kss: Option<Kss>) -> Vec<(usi
     files.iter().map(|(place, ..)| *place).zip(found).map(report).collect()
 }
 
-/// Returns one warning in place of several that state the same of different names: at the line of the first, with
+/// Returns one warning in place of several that state the same about different names: at the line of the first, with
 /// all names.
 fn each_once(warnings: Vec<Problem>) -> Vec<Problem> {
     let mut all: BTreeMap<String, Vec<Problem>> = BTreeMap::new();
@@ -53,8 +53,8 @@ fn together(mut same: Vec<Problem>) -> Problem {
     Problem { line: first.line, key: names.join(", "), message: first.message }
 }
 
-/// Returns what was read and checked but is not executed by a rehearsal, by kind: its lines, only the first ones if
-/// there are many.
+/// Returns the kinds of statements that were read and checked but are not executed by a rehearsal, each with its
+/// lines; only the first ones if there are many.
 fn only_checked(unexecuted: &[Problem]) -> Option<String> {
     let mut lines: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
     for place in unexecuted {

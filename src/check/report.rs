@@ -11,6 +11,6 @@ pub struct FileReport {
     pub problems: Vec<Problem>,
     /// Properties that are allowed but lead to problems, in the order of the lines.
     pub warnings: Vec<Problem>,
-    /// What was understood, a sentence each; empty if a file of ours cannot be understood.
+    /// What was understood, a sentence each; empty if one of this program's own files cannot be understood.
     pub says: Vec<String>,
 }

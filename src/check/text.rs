@@ -33,9 +33,9 @@ fn line_of(bytes: &[u8], at: usize) -> usize {
     1 + bytes[..at].iter().filter(|byte| **byte == b'\n').count()
 }
 
-/// Decodes these bytes: a file of ours is UTF-8. XML and KRL are UTF-8 or UTF-16 by their first bytes, else have
-/// the encoding that an XML declaration names, else are UTF-8. The last choice is one byte for each character as in
-/// Windows-1252, which controllers of the western world write.
+/// Decodes these bytes. A file of this program is UTF-8. XML and KRL are UTF-16 if their first bytes show this;
+/// otherwise they have the encoding that an XML declaration names, or UTF-8. The last choice is one byte for each
+/// character as in Windows-1252, which controllers of the western world write.
 ///
 /// # Errors
 /// States which encoding is wrong or not known, and what to do.
@@ -87,7 +87,8 @@ fn utf_16(bytes: &[u8], encoding: &'static Encoding) -> Result<Decoded, NotText>
     Ok(Decoded { text: text.into_owned(), warning: None })
 }
 
-/// Decodes with the declared encoding, or UTF-8; if the bytes are not valid in it, each byte becomes a character.
+/// Decodes with the declared encoding, or UTF-8. If the bytes are not valid in it, they are read as UTF-8, or else as
+/// Windows-1252, in which each byte is a character.
 fn declared_or_assumed(bytes: &[u8], encoding: &'static Encoding, stated: Option<&str>, is_xml: bool) -> Decoded {
     let read = encoding.decode_without_bom_handling_and_without_replacement(bytes);
     // UTF-16 is detected only from a file's first bytes, and this file does not have them: a declared UTF-16 cannot
@@ -169,7 +170,8 @@ mod tests {
         assert!(declared("Shift_JIS", b"<A/>").is_ok());
     }
 
-    /// The structure is read whatever encoding the author used, and the line with the first such byte is named.
+    /// The structure is read whatever encoding the author used, and the line with the first byte that is not valid is
+    /// named.
     #[test]
     fn xml_in_another_encoding_than_it_states_is_read_with_a_warning() {
         let warned = |bytes: &[u8]| {

@@ -56,8 +56,8 @@ impl Arguments {
     }
 }
 
-/// A number below zero is the value of its option, and no option of its own; its option then reports what is
-/// allowed.
+/// Makes a negative number the value of its option, and not an option of its own; its option then reports which values
+/// are allowed.
 fn taking_negative_numbers(command: clap::Command) -> clap::Command {
     let takes = |arg: clap::Arg| match arg.get_action().takes_values() {
         true => arg.allow_negative_numbers(true),
@@ -83,11 +83,12 @@ pub struct Common {
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Run one whole cycle on a simulated cell, write its page and pictures, and report how far from the truth it
-    /// was.
+    /// Run one whole cycle on a simulated cell, write its page and pictures, and report its errors relative to the
+    /// true values.
     #[command(after_help = "Example:\n  panelprep demo --seed 3 --out target/demo")]
     Demo(Demo),
-    /// Write a simulated cell as files: calibrations, recipe, scans, pictures, a clip, and the truth in its own folder.
+    /// Write a simulated cell as files: calibrations, recipe, scans, pictures, a clip, and the true values in their
+    /// own folder.
     #[command(
         after_help = "Examples, with the pictures for `panelprep calibrate`, the same panel at another place, and a 3D camera with errors of its own:\n  \
         panelprep render --seed 1 --boards --out target/cell\n  \
@@ -95,7 +96,8 @@ pub enum Command {
         panelprep render --seed 1 --board-scans 16 --scanner-error-mm 1 --out target/cell3"
     )]
     Render(Render),
-    /// Run one cycle on the cell: locate, refine, wet, inspect, abrade what failed, until it passes or may not.
+    /// Run one cycle on the cell: locate, refine, wet, inspect, abrade what failed, until it passes or no further pass
+    /// is allowed.
     #[command(
         after_help = "Example, after those of `panelprep teach --help` and `panelprep calibrate verify --help`:\n  \
         panelprep cycle --cell target/cell/cell.toml --recipe target/cell/recipe.toml --seed 1"
@@ -107,7 +109,7 @@ pub enum Command {
         panelprep air-run --cell target/cell/cell.toml --recipe target/cell/recipe.toml --seed 1"
     )]
     AirRun(Cycle),
-    /// One function of the robot at a time, through every gate: for commissioning.
+    /// Execute one function of the robot at a time, through every gate: for commissioning.
     #[command(
         after_help = "Examples, with the mock robot of config/cell.toml, which starts at its home pose each \
                       time:\n  panelprep robot state\n  panelprep robot move-j ready\n  panelprep robot move-lin \
@@ -115,7 +117,7 @@ pub enum Command {
                       `panelprep mock-robot` and name it as an \"eki\" robot at 127.0.0.1."
     )]
     Robot(Robot),
-    /// A stand-alone mock controller on the cell's ports, by the wall clock.
+    /// Run a stand-alone mock controller on the cell's ports, in real time.
     #[command(after_help = format!(
         "Example:\n  panelprep mock-robot --config config/kuka --fault e-stop/5s@30s\n\
         A rehearsal: in a cell with simulated cameras set [robot] kind = \"eki\" and host = \"127.0.0.1\", start this with --cell, \
@@ -128,8 +130,8 @@ pub enum Command {
         panelprep run --cell target/cell/cell.toml"
     )]
     Run(Run),
-    /// After an abort of a cell without a service: states that the cause is gone. Checks that the robot is at rest,
-    /// and proves tool and water off. With a service, use `panelprep ctl clear`.
+    /// After an abort of a cell without a service: confirm that the cause is removed. Checks that the robot is at
+    /// rest, and proves tool and water off. With a service, use `panelprep ctl clear`.
     #[command(after_help = "Example:\n  panelprep clear --cell target/cell/cell.toml")]
     Clear,
     /// Send a request to the service that runs on this cell: start a cycle, hold it, stop it, show its state.
@@ -179,12 +181,12 @@ pub enum Command {
     #[command(after_help = "Example, after `panelprep render --out target/cell`:\n  \
         panelprep look --scan target/cell/taught_scan.pcd --pictures target/cell/pictures")]
     Look(Look),
-    /// Find the panel's present place from a scan.
+    /// Find the panel's present pose from a scan.
     #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  \
         panelprep locate --cell target/cell/cell.toml --recipe target/cell/recipe.toml --scan target/cell/scan.pcd \
         --out target/cell/located.json")]
     Locate(Locate),
-    /// Correct the panel's place with corner pictures.
+    /// Correct the panel's pose with corner pictures.
     #[command(after_help = "Example, after the one of `panelprep locate --help`:\n  \
         panelprep refine --cell target/cell/cell.toml --recipe target/cell/recipe.toml --located target/cell/located.json \
         --corner target/cell/corner.png --flange target/cell/flange.json --out target/cell/refined.json")]
@@ -204,7 +206,7 @@ pub enum Command {
         --located target/cell/located.json --truth target/cell/truth")]
     Tune(Tune),
     /// Mark where and when the film broke in a clip, on a page in a browser on this computer. The marks are saved
-    /// beside the clip, which is then its own truth for `panelprep inspect` and `panelprep tune`.
+    /// beside the clip, which then contains its own true mask for `panelprep inspect` and `panelprep tune`.
     #[command(
         after_help = "Example, after `panelprep render --out target/cell`; end the page with its button:\n  \
                       panelprep label --clip target/cell/clip\nWith the grids of a recipe, after the one of \
@@ -233,14 +235,14 @@ pub enum Command {
     History(History),
     /// The signed records of cycles: write them out, verify them with the public key, show the head of their chain.
     Record(RecordCommand),
-    /// Look after the store: verify that everything in it is as it was written.
+    /// Check the store: verify that everything in it is as it was written.
     #[command(after_help = "Example, after the one of `panelprep teach --help`, also while the service runs:\n  \
         panelprep store verify --cell target/cell/cell.toml")]
     Store(StoreCommand),
-    /// The office's archive: receives the records that cells send, and proves later that it contains what they
-    /// have.
+    /// The office's archive: receives the records that cells send, and proves later that it contains all records of
+    /// the cells.
     Archive(Archive),
-    /// Serve the office's page over all cells: their states, cycles, numbers, verifications and recipes, from the
+    /// Serve the office's page over all cells: their states, cycles, statistics, verifications and recipes, from the
     /// archive.
     #[command(after_help = "Example, beside `panelprep archive run` with the same settings:\n  \
         panelprep fleet --settings /etc/panelprep/archive.toml")]
@@ -258,8 +260,8 @@ pub enum Command {
                             by zstd. It holds no recordings and no pages: pages are made again from the store. It \
                             holds a recipe if that is in the folder of the cell's file or up to two folders below.")]
     Backup(Backup),
-    /// Restore a backup. Everything is unpacked and verified beside its place first; if anything is wrong, all
-    /// stays as it was. Nothing that exists is replaced unless it is named, and what is replaced is kept.
+    /// Restore a backup. Everything is unpacked and verified beside its final path first; if anything is wrong,
+    /// nothing is changed. Existing parts are replaced only if they are named, and the replaced parts are kept.
     #[command(
         after_help = "Example, after the one of `panelprep backup --help`, beside the cell from which it was \
                       made:\n  panelprep restore target/cell.tar.zst --cell target/restored/cell.toml\nTo replace \
@@ -271,7 +273,8 @@ pub enum Command {
     /// Write a commented file for a new cell or a new panel, which `panelprep check` accepts: requests the
     /// important values, and detects what is connected.
     New(New),
-    /// Run a recorded cycle again on the recorded data, without devices, and report where it now decides otherwise.
+    /// Run a recorded cycle again on the recorded data, without devices, and report each decision that is now
+    /// different.
     #[command(
         after_help = "Example:\n  panelprep demo --reduction 4 --out target/demo4 --record target/demo4.mcap\n  \
         panelprep replay target/demo4.mcap\n\

@@ -1,4 +1,4 @@
-//! `panelprep check`: are these configuration files right, and what do they state?
+//! `panelprep check`: reports whether configuration files are right, and what they state.
 
 use super::args::{Check, Common, PurposeName};
 use super::disk;
@@ -112,10 +112,11 @@ fn placed(Problem { line, key, message }: &Problem) -> String {
     format!("line {line}: {key}{message}")
 }
 
-/// Finds where the region of a recipe is off the panel, by the panel that was taught in this cell.
+/// Finds the parts of a recipe's region that are outside of the panel that was taught in this cell.
 ///
 /// # Errors
-/// If it is not known: the panel was not taught, was taught with another region, or the taught data cannot be read.
+/// If the panel's outline is not known: the panel was not taught, was taught with another region, or the taught data
+/// cannot be read.
 fn region_off_panel((name, text): (&str, &str), cell: &str) -> Result<Vec<Problem>, Fault> {
     let recipe = Recipe::check(name, text)?;
     let files = CellFiles::read(&Common { cell: cell.into(), store: None, json: false })?;

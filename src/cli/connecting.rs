@@ -6,7 +6,7 @@ use std::sync::mpsc;
 use std::thread;
 use std::time::Duration;
 
-/// Connects to the first of the place's addresses that accepts the connection. Each attempt has this time limit;
+/// Connects to the first of the addresses of `place` that accepts the connection. Each attempt has this time limit;
 /// the look-up of the name has the same limit.
 ///
 /// # Errors

@@ -57,8 +57,8 @@ fn what(ask: &CtlAsk, socket: &Path) -> Result<RequestKind, Fault> {
     })
 }
 
-/// Returns a decision on the step that the person names. Without a name, it is the step that is shown now, and the
-/// person types its number.
+/// Returns a decision on the step that the person names. If no step is named, the step that is shown now is used, and
+/// the person types its number.
 fn decided(socket: &Path, request: Request, decision: Decision) -> Result<RequestKind, Fault> {
     if let Some(step) = decision.step {
         return Ok(RequestKind::Decided { request, step });

@@ -65,7 +65,7 @@ pub struct Run<'r> {
 /// Runs the cycle and reports how it ended.
 ///
 /// # Errors
-/// If a file is invalid, a motion is open in the store, or the store cannot be written.
+/// If a file is invalid, the store contains an unfinished motion, or the store cannot be written.
 pub fn run(args: &Cycle, common: &Common, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     once(args, common, progress, TaughtRecipe::request)
 }
@@ -270,14 +270,14 @@ impl Ran {
 struct Once<'a> {
     start: cycle::Request,
     asked: u8,
-    /// The table accepted the start: from then on it concludes the cycle.
+    /// The cycle's state table accepted the start: from then on it concludes the cycle.
     is_begun: bool,
     refused: Option<Reason>,
     /// The state that the loop last showed.
     state: State,
     told: Option<At>,
     interrupts: Interrupts,
-    /// Number of signals for which a request was sent to the table.
+    /// Number of signals for which a request was sent to the cycle's state table.
     obeyed: usize,
     progress: &'a dyn Fn(&str),
 }
@@ -288,8 +288,8 @@ impl<'a> Once<'a> {
         Once { start, asked: 0, is_begun: false, refused: None, state, told: None, interrupts, obeyed: 0, progress }
     }
 
-    /// Returns the request of the signals so far: a stop for the first, an abort for the second. If the cell is at
-    /// rest, it is to leave.
+    /// Returns the request for the signals so far: a stop for the first, an abort for the second. If the cell is at
+    /// rest, the request is to leave the loop.
     fn interrupted(&mut self, at: At) -> Option<Option<RequestKind>> {
         let wanted = self.interrupts.count().min(2);
         if wanted == 0 {
@@ -310,8 +310,8 @@ impl<'a> Once<'a> {
         Some(Some(RequestKind::Table(request)))
     }
 
-    /// Returns why the cycle never began, so that its record has an end; `None` once the cycle has begun, because
-    /// then the table concludes it.
+    /// Returns why the cycle never began, so that its record has an end; `None` once the cycle has begun, because then
+    /// the cycle's state table concludes it.
     fn why_not_begun(&self, state: &State) -> Option<Reason> {
         if self.is_begun {
             return None;
@@ -345,8 +345,8 @@ impl Requester for Once<'_> {
             (At::Stopped, 0) if state.facts.robot == Robot::Ready => ask(cycle::Request::Reset),
             (At::Idle, 1) => ask(self.start),
             (At::Idle, 2) if self.refused.is_some() => ask(cycle::Request::Stop),
-            // If a result waits for a person, this command ends there. The same is so for trouble that a person
-            // must correct.
+            // If a result waits for a person's decision, this command stops the cycle. It also does so if a person
+            // must correct a problem.
             (At::Held(_), 2) => ask(cycle::Request::Stop),
             (At::Stopped, 0) if state.facts.robot == Robot::Unknown => None,
             (At::Stopped | At::Complete { .. } | At::Aborted { .. }, _) => Some(RequestKind::Leave),

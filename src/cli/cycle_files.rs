@@ -86,7 +86,7 @@ pub struct TaughtRecipe {
 }
 
 impl TaughtRecipe {
-    /// Reads the recipe and loads the teaching of its panel.
+    /// Reads the recipe and loads the taught data of its panel.
     ///
     /// # Errors
     /// If the recipe has problems or requests what the cell cannot do, or if its panel was not taught or was taught
@@ -110,10 +110,10 @@ impl TaughtRecipe {
         Ok(TaughtRecipe { recipe, recipe_text, taught, part: None, earlier: vec![] })
     }
 
-    /// Adds this part, whose names are kept with the cycle. Passes of its earlier cycles count.
+    /// Adds this part, whose names are stored with the cycle. Passes in earlier cycles of the part count.
     ///
     /// # Errors
-    /// If the names cannot be kept as they are, or the store cannot be read.
+    /// If a name is not valid, or the store cannot be read.
     pub fn about(self, files: &CellFiles, part: Option<PartNames>) -> Result<Self, Fault> {
         let part = part::checked(part.unwrap_or_default())?;
         let earlier = match part.as_ref().and_then(|part| part.serial.as_ref()) {
@@ -174,7 +174,7 @@ impl TaughtRecipe {
         })
     }
 
-    /// The request to the table to begin a cycle.
+    /// The request to the cycle's state table to begin a cycle.
     pub fn request(&self) -> Request {
         let process = self.recipe.process();
         let left = process.passes_of_a_part().saturating_sub(self.passes_before());
@@ -194,8 +194,8 @@ impl TaughtRecipe {
         if is_asked { found } else { RemovedBefore::default() }
     }
 
-    /// The same as text, which is kept with the cycle and from which a replay reads it; `None` if nothing was
-    /// removed.
+    /// Returns the removal by earlier cycles as text, which is stored with the cycle and from which a replay reads it;
+    /// `None` if nothing was removed.
     fn removed_before_text(&self) -> Result<Option<(&'static str, String)>, Fault> {
         let found = Some(self.removed_before()).filter(|found| *found != RemovedBefore::default());
         let text = found.map(|found| toml::to_string(&found)).transpose().map_err(Fault::stage)?;
@@ -206,7 +206,7 @@ impl TaughtRecipe {
         self.earlier.iter().map(|cycle| cycle.passes).sum()
     }
 
-    /// The request to the table to begin an air-run.
+    /// The request to the cycle's state table to begin an air-run.
     pub fn air_request(&self) -> Request {
         Request::AirRun { max_moves: self.moves() }
     }

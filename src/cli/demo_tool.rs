@@ -14,8 +14,8 @@ const CALIBRATION: &str = "removal.toml";
 const NAMED: &str = "flange_from_tool = \"flange_from_tool.toml\"\n";
 /// The assumed error of the simulated cell at the tool: the tool's stroke must have room for this error.
 const TOOL_ERROR: &str = "tool_error_mm = 1.0\n";
-/// The settings of the recipe. A step-over below the default and a high feed give the feeds room to make the
-/// removal even.
+/// The settings of the recipe. A step-over below the default and a high feed leave the feeds enough range to make the
+/// removal uniform.
 const ASKED: &str = "
 [path]
 force_n = 12.0

@@ -1,4 +1,4 @@
-//! The faults that stop a command, as text. This is the one place where the errors of all modules meet.
+//! The faults that stop a command, as text. Only here do the errors of all modules come together.
 
 mod calibration;
 mod clip;

@@ -96,8 +96,8 @@ impl<'c> FlangePoses<'c> {
         known(&self.arm, before.zip(before.and_then(|_| self.afterwards())), from_camera)
     }
 
-    /// The same, but asks a person if nothing is known. `None` if the picture does not count, or there is no
-    /// answer.
+    /// Returns the pose that [`FlangePoses::known`] gives, and asks a person if nothing is known. `None` if the
+    /// picture does not count, or there is no answer.
     ///
     /// # Errors
     /// If standard input cannot be read.

@@ -1,5 +1,5 @@
-//! `panelprep history`: searches the cycles of the store, compares two, shows how numbers developed, lists alarms.
-//! It prints the same data as a table for people, as JSON or as CSV.
+//! `panelprep history`: searches the cycles of the store, compares two, shows trends of quantities, lists alarms. It
+//! prints the same data as a table for people, as JSON or as CSV.
 
 mod columns;
 
@@ -18,7 +18,7 @@ use serde_json::{Map, Value};
 /// Runs the requested task.
 ///
 /// # Errors
-/// If a date, a panel or a number is not known, or there is no store to read.
+/// If a date, a panel or a quantity is not known, or there is no store to read.
 pub fn run(args: &History, common: &Common) -> Result<Outcome, Fault> {
     let store = match &common.store {
         // A copy of the store in another folder needs no cell's file.

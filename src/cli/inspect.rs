@@ -1,4 +1,4 @@
-//! `panelprep inspect`: the water-break test on a clip, or on a labelled set of them.
+//! `panelprep inspect`: the water-break test on a clip, or on a labelled set of clips.
 
 use super::args::{Common, Inspect};
 use super::disk;

@@ -42,7 +42,7 @@ pub struct Placed {
     pub base_from_camera: Rigid<Base, Camera>,
     /// The panel's pose.
     pub base_from_panel: Rigid<Base, Panel>,
-    /// Is no pose given, so that the nominal pose is assumed?
+    /// Whether the nominal pose is assumed because no pose is given.
     pub is_assumed: bool,
 }
 

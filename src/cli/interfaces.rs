@@ -13,7 +13,7 @@ use crate::daemon::{
 };
 use std::sync::Arc;
 
-/// The parts that all fronts share.
+/// The parts that all interfaces share.
 pub struct Fronts {
     parts: InterfaceContext,
     on_their_way: RecordsOnTheirWay,

@@ -23,7 +23,7 @@ use serde_json::json;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Serves the page until the person is done, and reports what was kept.
+/// Serves the page until the person is done, and reports what was stored.
 ///
 /// # Errors
 /// If the folder holds no clip, its labels or draft are invalid, recipe and panel do not fit, or the page cannot be

@@ -1,8 +1,8 @@
 //! The configured cell in operation: its robot and its cameras, each by its `kind`.
 //!
 //! A mock robot runs inside this program, in lock step, with the simulated world around it; a controller over
-//! EthernetKRL runs by the wall clock. Simulated cameras look at that world. In a rehearsal the mock controller is
-//! another process on this machine, `panelprep mock-robot`. The world around it is in this program and follows the
+//! EthernetKRL runs in real time. Simulated cameras look at that world. In a rehearsal the mock controller is another
+//! process on this machine, `panelprep mock-robot`. The world around it is in this program and follows the
 //! controller's reports.
 
 use super::args::{Simulation, real_arm};
@@ -140,8 +140,9 @@ impl Live {
         })
     }
 
-    /// Does the same, with a colour sensor's filters in front of the simulated flange camera and, if available,
-    /// GigE Vision over the loopback interface behind it. The pictures are the same either way.
+    /// Starts the devices as [`Live::start`] does, with a colour sensor's filters in front of the simulated flange
+    /// camera. If available, GigE Vision over the loopback interface transfers its pictures. The pictures are the same
+    /// either way.
     ///
     /// # Errors
     /// As [`Live::start`].
@@ -224,7 +225,7 @@ pub fn robot_alone(cell: &Cell) -> Result<(LinkedRobot, Option<Simulated>), Faul
     robot_alone_at(cell, None)
 }
 
-/// The same; a mock arm starts at these joint positions.
+/// Starts only the robot that the cell's file names; a mock arm starts at these joint positions.
 ///
 /// # Errors
 /// As [`Live::start`].
@@ -275,7 +276,7 @@ fn programs(cell: &Cell) -> Result<Option<Programs>, Fault> {
 }
 
 impl Simulated {
-    /// Starts both.
+    /// Starts a mock controller and its world.
     ///
     /// # Errors
     /// If a port or thread is not available.
@@ -283,7 +284,8 @@ impl Simulated {
         Self::started(cell, simulated_cell, None)
     }
 
-    /// Does the same with the arm parked, if the cell has a park pose, and with the cell's light on if requested.
+    /// Starts a mock controller and its world with the arm parked, if the cell has a park pose, and with the cell's
+    /// light on if requested.
     ///
     /// # Errors
     /// As [`Simulated::start`].

@@ -17,7 +17,8 @@ pub fn start(usual: LevelFilter) {
     let log = fmt().with_writer(out).with_ansi(false).with_target(false).with_max_level(level);
     // An internal error would be printed by `eprintln!`, which panics if standard error has no reader.
     let log = log.log_internal_errors(false);
-    // The messages of these libraries depend on any input from a network, so they are not part of the usual log.
+    // The messages of these libraries can be caused by any input from a network, so they are not part of the usual
+    // log.
     let is_of_network = |target: &str| ["opcua", "async_nats"].iter().any(|name| target.starts_with(name));
     let is_told = move |of: &tracing::Metadata<'_>| level >= LevelFilter::DEBUG || !is_of_network(of.target());
     #[expect(clippy::let_underscore_must_use, reason = "set once for each process; a second one changes nothing")]

@@ -1,5 +1,5 @@
-//! The command line: reads files, calls the phases, writes files and texts. It is the only place with a clock and a
-//! disk besides the store, and the one place that turns errors into text.
+//! The command line: reads files, calls the phases, writes files and texts. Besides the store, it is the only module
+//! that uses a clock and a disk, and it is the only one that turns errors into text.
 //!
 //! Each command is in a file of its name: `run` reads and reports, `stage` computes.
 

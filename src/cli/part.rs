@@ -26,7 +26,7 @@ pub fn checked(part: PartNames) -> Result<Option<PartNames>, Fault> {
     Ok((part != PartNames::default()).then_some(part))
 }
 
-/// The text that is kept.
+/// Returns the text that is stored for the part.
 ///
 /// # Errors
 /// If it cannot be written as TOML.
@@ -45,7 +45,7 @@ pub fn another() -> (String, String) {
 /// Checks that a part may be abraded once more after these cycles if `most` passes are allowed.
 ///
 /// # Errors
-/// If it has had that many passes; each cycle is named.
+/// If the part has already had this number of passes; each cycle is named.
 pub fn may_be_abraded(part: Option<&PartNames>, earlier: &[PassesOfCycle], most: usize) -> Result<(), Fault> {
     let serial = part.and_then(|part| part.serial.clone()).unwrap_or_default();
     let used: usize = earlier.iter().map(|cycle| cycle.passes).sum();

@@ -125,7 +125,7 @@ fn program_name(file: &Path) -> Result<ProgramName, Fault> {
     name.parse().map_err(|error| Fault::file(file, error))
 }
 
-/// The start from which the arm follows the plan, with a remark about it.
+/// The pose from which the arm starts to follow the plan, with a remark about it.
 fn reach<'a>(
     kinematics: &'a Kinematics,
     (files, common): (&CellFiles, &Common),

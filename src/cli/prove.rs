@@ -42,8 +42,8 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
     drop(robot);
     let mut controller = unattended::controller(&files.cell)?;
     let page = |proofs: &[Proof], controller| page::render(proofs, &args.by, (files.cell.robot(), controller));
-    // Done before the first question: no answers are requested that cannot be kept after a day's work at the
-    // controller.
+    // The page is written before the first question: after a day's work at the controller, it must be possible to
+    // store the answers.
     super::disk::write_new(&args.out, page(&[], controller))?;
     if controller == ControllerKind::Mock {
         tell(
@@ -66,7 +66,7 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
         proofs.push(proof);
         super::disk::write(&args.out, page(&proofs, controller))?;
     }
-    // The tests count only for the controller that answers now, too: a controller may not have answered at first,
+    // The tests are valid only for the controller that also answers now: a controller may not have answered at first,
     // or another one may have replaced it.
     controller = controller.and(unattended::controller(&files.cell)?);
     super::disk::write(&args.out, page(&proofs, controller))?;

@@ -73,8 +73,8 @@ pub fn sign_missing(files: &CellFiles, told: &dyn Fn(Result<String, String>)) ->
     Store::sign_missing(files.store_folder(), &key, &each).map_err(Fault::stage)
 }
 
-/// Signs the record of a cycle as this person and makes the cycle's page again, which then shows the signature. For
-/// fronts that have identified the person.
+/// Signs the record of a cycle as this person and makes the cycle's page again, which then shows the signature. This
+/// is for interfaces that have already identified the person.
 ///
 /// # Errors
 /// If the cycle is not over, the person has already signed with this meaning, or the store or the page cannot be

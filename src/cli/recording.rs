@@ -65,8 +65,8 @@ pub fn allowed(file: Option<&Path>, store: &Path) -> Result<(), Fault> {
     Ok(())
 }
 
-/// The same for a file that a command names. This program writes it with the rights of its user. The file must also
-/// be outside the store, where only the program names files. The store may be made later.
+/// Checks the same for a file that a command names, which this program writes with the rights of its user. The file
+/// must also be outside the store, where only the program names files. The store may be made later.
 ///
 /// # Errors
 /// As [`allowed`], and if the file is inside the store or is a link.
@@ -97,8 +97,9 @@ fn refused_name(file: &Path, words: &'static str) -> Fault {
 const IN_THE_STORE: &str = "it is inside the store, in which only the service names files; name a file elsewhere \
                             (`panelprep ctl start --record` without a name keeps it in the store's recordings/)";
 
-/// The place of a recording that a client of the service names: a full, plain path outside the store, with all
-/// links on the way resolved. A client may have the service write only what the client has the right to request.
+/// Returns the path of a recording that a client of the service names. It must be a full, plain path outside the
+/// store; all links in it are resolved. A client may have the service write only what the client has the right to
+/// request.
 ///
 /// # Errors
 /// If the name does not meet these conditions, or its folder does not exist.

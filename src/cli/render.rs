@@ -133,7 +133,7 @@ fn write_drawing(cell: &sim::Cell, rendered: &Rendered) -> Result<(), Fault> {
     disk::write(&rendered.file("recipe_drawing.toml"), recipe + &nominal)
 }
 
-/// Writes one clip of a labelled set: the same panel at the same place, with other grease.
+/// Writes one clip of a labelled set: the same panel in the same pose, with other grease.
 fn write_labelled(cell: &sim::Cell, rendered: &Rendered, film: FilmName, index: u64) -> Result<(), Fault> {
     let until_s = sim::WET_FROM_S + 0.85 * f64::from(rendered.seconds);
     let grease = Grease::Mixed { count: 2 + (index % 4) as usize, until_s };
@@ -144,8 +144,8 @@ fn write_labelled(cell: &sim::Cell, rendered: &Rendered, film: FilmName, index: 
     write_truth(&film, &folder.join("truth"), rendered.seconds)
 }
 
-/// Renders the files with which a cell is taught: configuration, calibrations, recipe, scan and corner at the
-/// nominal place.
+/// Renders the files with which a cell is taught: configuration, calibrations, recipe, scan and corner at the nominal
+/// pose.
 ///
 /// # Errors
 /// As [`run`].
@@ -280,11 +280,11 @@ box_min_mm = [100.0, -450.0, 50.0]
 box_max_mm = [700.0, 450.0, 900.0]
 "#;
 
-/// Factor by which a displaced panel may appear coarser than at its taught place.
+/// Factor by which a displaced panel may appear coarser than at its taught pose.
 const DISPLACED: f64 = 1.2;
 
-/// The recipe. If the cell's own limit is finer than the cell's pixels, it contains the smallest break that the
-/// pixels surely show.
+/// Returns the recipe. If the cell's own limit is smaller than the cell's pixels can show, the recipe states the
+/// smallest break that the pixels certainly show.
 fn recipe(cell: &sim::Cell, taught_scan: &OrganizedCloud<Camera>, seconds: u32) -> Result<String, Fault> {
     let text = plain_recipe(cell, seconds);
     let plain = Recipe::check("recipe.toml", &text)?;

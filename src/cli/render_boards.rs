@@ -29,7 +29,7 @@ pub(super) const ROBOT: RobotNoise = RobotNoise { shift_mm: 0.02, turn_deg: 0.00
 const TOUCH_MM: f64 = 0.1;
 
 impl Rendered {
-    /// A look at this camera's target, in the form that `panelprep calibrate verify` accepts.
+    /// Returns the arguments of `panelprep calibrate verify` for this camera's target.
     pub fn verification(&self, camera: CameraName) -> Verify {
         let (name, flange) = match camera {
             CameraName::Scanner => ("scanner", None),
@@ -50,7 +50,7 @@ impl Rendered {
         }
     }
 
-    /// A touch of the scanner's target, in the form that `panelprep calibrate touch` accepts.
+    /// Returns the arguments of `panelprep calibrate touch` for the scanner's target.
     pub fn touch(&self) -> Touch {
         Touch {
             board: target_board().into(),
@@ -90,7 +90,7 @@ pub fn write_targets(cell: &sim::Cell, rendered: &Rendered) -> Result<(), Fault>
     disk::write(&rendered.file("target/touched.toml"), points_text(&board, arm, touched)?)
 }
 
-/// Returns what the controller reports while this is the true pose of the flange.
+/// Returns the controller's report for this true pose of the flange.
 fn reported(arm: Option<&RealArm>, base_from_flange: &Rigid<Base, Flange>) -> Result<Reported, Fault> {
     match arm {
         None => Ok(Reported { base_from_flange: *base_from_flange, joints: None }),
@@ -182,7 +182,7 @@ pub fn write_force(rendered: &Rendered) -> Result<(), Fault> {
     disk::write(&rendered.file("boards/force.toml"), FORCE_TEXT)
 }
 
-/// Returns this number of shots that the arm can reach; an arm as drawn reaches all shots here.
+/// Returns this number of shots that the arm can reach; an arm with its nominal geometry reaches all shots here.
 fn within_reach<C: Frame>(
     arm: Option<&RealArm>,
     count: usize,
@@ -193,7 +193,7 @@ fn within_reach<C: Frame>(
     shots(MAX_DRAWS_PER_SHOT * count).into_iter().filter(comes).take(count).collect()
 }
 
-/// Shots to draw for each one that is needed; at least one of them is within reach.
+/// Number of random shots for each shot that is needed; at least one of them is within reach.
 const MAX_DRAWS_PER_SHOT: usize = 10;
 
 fn save(rendered: &Rendered, name: &str, picture: &GrayPicture) -> Result<(), Fault> {
@@ -215,7 +215,7 @@ fn pictures<C: Frame>(
     })
 }
 
-/// The pose as text for a file, with the axes if the arm differs from its drawing.
+/// The pose as text for a file, with the axes if the arm differs from its nominal geometry.
 fn reported_text(Reported { base_from_flange, joints }: &Reported) -> String {
     pose_keys(&ReportedFlange { base_from_flange: KukaPose::from_rigid(base_from_flange), joints: *joints })
 }

@@ -130,7 +130,8 @@ fn remove_numbered(folder: &Path) -> Result<(), std::io::Error> {
     Ok(())
 }
 
-/// Returns when and by which version a page was made: the only line in which two pages of the same cycle differ.
+/// Returns a text that states when and by which version a page was made: the only line in which two pages of the same
+/// cycle differ.
 fn made() -> String {
     let unix_s = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
     let made = utc(i64::try_from(unix_s).unwrap_or_default());

@@ -6,7 +6,7 @@ use crate::report::page::{Row, Section};
 use crate::store::Pruned;
 use crate::verdict::Verdict;
 
-/// The section; `None` if everything is kept for ever.
+/// Returns the section; `None` if everything is kept for ever.
 pub fn section(keep: &Retention, record: &CycleRecord, pruned: Option<Pruned>) -> Option<Section> {
     if keep.is_for_ever() && pruned.is_none() {
         return None;

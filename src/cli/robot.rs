@@ -19,7 +19,7 @@ use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::time::Duration;
 
-/// Does one function and prints the controller's state after it.
+/// Executes one function of the robot and prints the controller's state after it.
 ///
 /// # Errors
 /// If a file or a number is invalid, another program holds the store, or no device can be started.
@@ -82,7 +82,7 @@ fn judgement(error: SingleError) -> Result<Judgement, Fault> {
     Ok(Judgement { verdict: Verdict::Aborted, reasons: vec![Reason::new(code, error.to_string())] })
 }
 
-/// A function with its numbers.
+/// A function of the robot with its parameters.
 #[derive(Debug, PartialEq)]
 enum RobotAction {
     State,

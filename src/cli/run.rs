@@ -37,11 +37,11 @@ use std::sync::mpsc::{self, Receiver};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
-/// Serves until a signal ends it. A person must clear what an earlier process left open; nothing moves before that.
+/// Serves the cell until a signal ends the service. A person must clear what an earlier process left open; nothing
+/// moves before that.
 ///
 /// # Errors
-/// If a file is invalid, another process writes to the store or answers on the socket, or the store cannot be
-/// written.
+/// If a file is invalid, another process writes to the store or answers on the socket, or the store cannot be written.
 pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let supervisor = Supervisor::default();
     supervisor.notice_panics();
@@ -97,7 +97,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
         cameras: lent,
     };
     let mut handler = RequestHandler::new(queue, left_open, parts);
-    // This includes what an earlier start found, until a person has cleared it.
+    // This also applies to a change that an earlier start found, until a person has cleared it.
     if recovered.at == (At::Aborted { cause: Cause::StoreChanged }) {
         let found = store.incidents().map_err(Fault::stage)?.pop().map_or(vec![], |incident| incident.found);
         let found: Vec<Reason> = found.into_iter().map(|words| Reason::new("store_changed", words)).collect();
@@ -126,7 +126,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     }
     let ended = ended.map_err(Fault::of_loop)?;
     // The page's connections to the store end before the store's own connection. The last connection then leaves a
-    // database without a log file.
+    // database without a write-ahead log.
     drop((socket, page, office, push, sparkplug, opcua, line, fronts, person));
     #[expect(clippy::let_underscore_must_use, reason = "a panic in there was reported where it happened")]
     let _ = pages.join();
@@ -256,8 +256,8 @@ fn cameras_by(files: &CellFiles) -> Result<Vec<(&'static str, String)>, Fault> {
     Ok(all)
 }
 
-/// Reads all data of a cycle, anew for each one. The cameras keep the data with which they were started, so the
-/// files must still contain the same.
+/// Returns the function that reads all data of a cycle, anew for each cycle. The cameras keep the data with which they
+/// were started, so the files must still contain the same data.
 fn loader(
     (files, common): (Arc<CellFiles>, Common),
     (cell, taken_by): (Arc<CellSetup>, Vec<(&'static str, String)>),
@@ -265,7 +265,7 @@ fn loader(
 ) -> Arc<Loader> {
     let one_at_a_time = Mutex::new(());
     Arc::new(move |StartRequest { recipe: name, text, record, part, another_part, own_text }| {
-        // A file on a disk that hangs must not occupy the places of clients that request a stop.
+        // A file on a disk that hangs must not block the connections of clients that request a stop.
         let Ok(_turn) = one_at_a_time.try_lock() else {
             return Err(vec![Reason::new("busy", "another start is being read; try again after it is answered")]);
         };

@@ -34,7 +34,7 @@ pub struct Score {
     moves: Option<f64>,
     inspections: Vec<Inspected>,
     abrasions: Vec<Abraded>,
-    /// The effect of a tool fault, if one was requested and the path came that far.
+    /// The effect of a tool fault, if one was requested and the path reached the waypoint of the fault.
     after_tool_fault: Option<Option<AfterToolFault>>,
     /// Why the executed waypoints differ from those that were sent.
     pub lost: Option<Reason>,
@@ -188,7 +188,7 @@ impl Score {
 
 /// Compares each film with the pixels at which the film was truly broken in its last picture.
 fn inspected(record: &CycleRecord, inspections: &[Arc<Inspection>], films: &[Mask]) -> Vec<Inspected> {
-    // An abandoned film has a truth but no inspection, so the truths cannot be assigned to the inspections.
+    // An abandoned film has a true mask but no inspection, so the true masks cannot be assigned to the inspections.
     let films = if films.len() == inspections.len() { films } else { &[] };
     let watched = |finding: &&Finding| finding.kind == Kind::Inspect && finding.number(name::WATCHED).is_some();
     let findings = record.findings.iter().filter(watched);

@@ -11,12 +11,12 @@ use std::path::Path;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// How long a stop or an abort is repeated if the service has no place for it.
+/// How long a stop or an abort is repeated if the service is too busy to accept it.
 const RETRY_TIMEOUT: Duration = Duration::from_secs(5);
 
 const RETRY_INTERVAL: Duration = Duration::from_millis(20);
 
-/// Repeats a request for a stop while the service, or the way to it, is too busy to accept it.
+/// Repeats a request for a stop while the service, or the connection to it, is too busy to accept the request.
 pub(super) fn insist(socket: &Path, what: &RequestKind) -> Result<Reply, Fault> {
     let since = Instant::now();
     loop {

@@ -25,7 +25,7 @@ impl Shoot {
     }
 }
 
-/// Takes and writes what was requested; existing files stay. If the service has the cameras, it takes the pictures.
+/// Takes and writes what was requested; existing files stay. If the service uses the cameras, it takes the pictures.
 ///
 /// # Errors
 /// If a cycle is in progress, a camera does not deliver, or writing to the disk fails.

@@ -1,5 +1,5 @@
-//! `panelprep store`: checks that everything in the store is as written, and lists what the office is to have from
-//! it.
+//! `panelprep store`: checks that everything in the store is as written, and lists the records that the office must
+//! have.
 
 use super::args::{Common, RenewStore, StoreCommand, StoreTask, VerifyStore};
 use super::fault::Fault;

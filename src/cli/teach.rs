@@ -1,4 +1,4 @@
-//! `panelprep teach`: learns a panel at its nominal place and stores it.
+//! `panelprep teach`: teaches a panel at its nominal pose and stores the taught data.
 
 mod drawn;
 mod live_inputs;
@@ -24,11 +24,11 @@ use serde_json::json;
 use std::error::Error;
 use std::path::Path;
 
-/// Learns, keeps and reports what was learnt.
+/// Teaches a panel, stores the taught data and reports the result.
 ///
 /// # Errors
-/// If a file is invalid, the scan shows no panel under the region, or no corner picture is given for a cell that
-/// runs cycles. Nothing is kept then.
+/// If a file is invalid, the scan shows no panel under the region, or no corner picture is given for a cell that runs
+/// cycles. Nothing is stored then.
 pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     let cell_files = CellFiles::read(common)?;
     let mut drawn = Drawn::look(args, &cell_files)?;
@@ -157,8 +157,8 @@ fn given(
     Ok(teaching)
 }
 
-/// Saves pictures of input that could not be learnt: the scan with the recipe's region and, if a corner was not
-/// found, each corner picture as given.
+/// Saves pictures of input from which no panel could be taught: the scan with the recipe's region and, if a corner was
+/// not found, each corner picture as given.
 fn save_given(
     folder: &Path,
     (scan, recipe): (&OrganizedCloud<Camera>, &Recipe),
@@ -206,7 +206,7 @@ impl Held {
         Held { outline, marks_mm, found }
     }
 
-    /// Returns why a panel with this teaching is not accepted: a cycle would not find it either.
+    /// Returns the reasons why a panel with this teaching is not accepted: a cycle would not find it either.
     fn reasons(&self, recipe: &Recipe) -> Vec<Reason> {
         let (judgement, what) = match &self.found {
             Ok(fit) => (gate::judge(fit, recipe), "the panel is not accepted in its own scan"),
@@ -217,7 +217,7 @@ impl Held {
     }
 }
 
-/// Reports how well the panel's shape constrains its pose, and what its corners see of a move along the normal.
+/// Reports how well the panel's shape constrains its pose, and how well its corners show a move along the normal.
 /// Returns the warnings.
 fn say_how_it_is_held(taught: &Taught, held: &Held, recipe: &Recipe, outcome: &mut Outcome) -> Vec<String> {
     let Held { outline, marks_mm, found } = held;
@@ -283,7 +283,7 @@ fn say_how_the_camera_is_watched(fit: &locate::Fit, outcome: &mut Outcome) {
     outcome.put("camera_noticed_mm", json!(noticed_mm));
 }
 
-/// Draws what was learnt.
+/// Draws the taught panel.
 ///
 /// # Errors
 /// If OpenCV refuses to draw.

@@ -16,8 +16,8 @@ pub struct AfterToolFault {
 }
 
 impl AfterToolFault {
-    /// Computes this from the executed waypoints and the tool's state at each tick of a contact. `None` if the path
-    /// did not come that far, or nothing was in contact afterwards.
+    /// Computes the reaction from the executed waypoints and the tool's state at each tick of a contact. `None` if the
+    /// path did not reach the waypoint of the fault, or nothing was in contact afterwards.
     pub fn compute(planned: PlannedToolFault, executed: &[Executed], trace: &[Sample]) -> Option<Self> {
         let mut touching = executed.iter().filter(|command| command.contact);
         let begun_ms = touching.nth(planned.from.checked_sub(1)? as usize)?.time_ms;

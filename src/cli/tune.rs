@@ -22,7 +22,7 @@ use serde_json::json;
 const CHANNELS: [&str; 3] = ["red", "green", "blue"];
 /// Maximum number of pictures of each phase that are examined.
 const MAX_PICTURES_PER_PHASE: usize = 10;
-/// Looks at a clip and advises.
+/// Examines a clip and gives advice.
 ///
 /// # Errors
 /// If a file is invalid, the panel was not taught, or the clip has no dry picture.

@@ -20,7 +20,8 @@ use std::path::Path;
 /// If the cell's file has problems, the account does not fit the request, or the store cannot be written.
 pub fn run(args: &User, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
-    // A list needs no right to write. In a mistyped folder, only a new account may create a store.
+    // Listing needs no right to write. Only a new account may create a store: the other tasks must not create one in a
+    // mistyped folder.
     let store = match &args.what {
         UserTask::List => files.store()?,
         UserTask::Add { .. } => Store::for_people(files.store_folder()).map_err(Fault::stage)?,

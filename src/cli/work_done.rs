@@ -5,7 +5,7 @@ use crate::record::{self, Abraded, CycleRecord, RemovedByPath};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
-/// Each grid with the passes that touched it; unknown facts are marked as such.
+/// Describes each grid with the passes that touched it; unknown facts are marked as such.
 pub fn abraded(record: &CycleRecord) -> Vec<String> {
     let mut passes: BTreeMap<(String, u8), bool> = BTreeMap::new();
     for Abraded { grid, pass, how } in record::abraded(&record.findings, &record.motions) {
@@ -24,7 +24,7 @@ pub fn abraded(record: &CycleRecord) -> Vec<String> {
     grids.iter().map(words).collect()
 }
 
-/// The removal of each path, a line for each; empty if the recipe does not request a removal.
+/// Describes the removal of each path, a line for each; empty if the recipe does not request a removal.
 pub fn removed(record: &CycleRecord) -> Vec<String> {
     let line = |path: RemovedByPath| {
         format!(

@@ -17,10 +17,10 @@ pub const LIBRARY: &str = "libpanelprep_zivid.so";
 pub const ROLE: &str = "zivid-worker";
 
 /// This program's file as the kernel keeps it open. After an upgrade has replaced the file, this is still the old
-/// program. So a worker that a running service starts again uses the same version of their protocol as the service.
+/// program. So a worker that a running service starts again uses the same version of the protocol as the service.
 pub const THIS_PROGRAM: &str = "/proc/self/exe";
 
-/// Begins to start the camera that the cell's file names; `camera` is its calibration.
+/// Starts the camera that the cell's file names, and does not wait until it is ready; `camera` is its calibration.
 ///
 /// # Errors
 /// If the cell does not name the camera's settings, a file cannot be read or is invalid, or there is no thread or
@@ -47,8 +47,8 @@ pub fn scanner(cell: &Cell, zivid: &ZividCamera, camera: &PinholeCamera) -> Resu
     ZividScanner::start(setup, launcher(THIS_PROGRAM.into(), arguments.into())).map_err(Fault::stage)
 }
 
-/// The camera's settings as a cycle keeps them: the purpose of each and its text. Empty for another camera, or if
-/// the cell's file names none.
+/// The camera's settings in the form that a cycle stores: the purpose of each and its text. Empty for another camera,
+/// or if the cell's file names none.
 ///
 /// # Errors
 /// As [`checked_settings`].
@@ -64,7 +64,7 @@ fn texts(zivid: &ZividCamera) -> Result<[(&'static str, String); 2], Fault> {
     Ok([("zivid_settings", scan), ("zivid_settings_2d", film)])
 }
 
-/// The facts of the camera's settings: those for 3D shots, those for the film.
+/// Reads the camera's settings: those for 3D shots, and those for the film.
 ///
 /// # Errors
 /// If a file is not named, cannot be read, or is invalid.

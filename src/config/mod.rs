@@ -1,10 +1,9 @@
-//! Strict reading of configuration: every problem of a file at once, each with line, key and the nearest valid
-//! name.
+//! Strict reading of configuration: every problem of a file at once, each with line, key and the nearest valid name.
 //!
-//! `serde` stops at the first unknown field. Therefore a file is parsed to toml's spanned tree, and each known key
-//! is
-//! *taken* from it; a key that was not taken is unknown. Nothing is repaired: a value out of range is a problem,
-//! and a file with one problem gives no checked form. Text in, values out; the caller reads the disk.
+//! `serde` stops at the first unknown field. Therefore a file is parsed to toml's spanned tree, and each known key is
+//! *taken* from it; a key that was not taken is unknown. Nothing is corrected: a value out of range is a problem, and
+//! a file with one problem gives no checked form. The input is a text, the result is its values; the caller reads the
+//! file.
 
 mod document;
 mod edit;

@@ -3,7 +3,7 @@
 use super::syntax::line_of;
 use toml::de::{DeTable, DeValue};
 
-/// The line of a key, `poses.park.a1_deg`. If the key does not exist, the line of its table, or 1.
+/// Returns the line of a key, `poses.park.a1_deg`. If the key does not exist, the line of its table, or 1.
 pub fn line_of_key(text: &str, key: &str) -> usize {
     let (root, _) = DeTable::parse_recoverable(text);
     let (mut table, mut line) = (Some(root.get_ref()), 1);

@@ -34,8 +34,8 @@ fn decimal_comma(line: &str) -> Option<(String, String)> {
         .next()
 }
 
-/// The key at the start of a line, under the last table header above it. The tree cannot give this: it does not
-/// contain broken or duplicate keys.
+/// The key at the start of a line, under the last table header above it. The parsed tree cannot state this: it does
+/// not contain broken or duplicate keys.
 fn key_at(text: &str, line: usize) -> Option<String> {
     let header = |line: &str| Some(line.trim().strip_prefix('[')?.trim_matches(['[', ']', ' ']).to_owned());
     let written = text.lines().nth(line - 1)?;

@@ -66,7 +66,7 @@ impl Compared<'_> {
         self.found.note(CONFIG, line, key, message);
     }
 
-    /// A single number; if it is missing, that is noted.
+    /// Returns a single number; if it is missing, this is noted.
     fn single(&mut self, name: &str) -> Option<Number> {
         let found = self.config.get(name);
         if found.is_none() {
@@ -89,7 +89,8 @@ impl Compared<'_> {
         whole
     }
 
-    /// The places of a counted list, each with its line; `none` is the value of an empty place.
+    /// Returns the values of a counted list, each with its line. Values that are missing, are outside of `numbers`, or
+    /// lie beyond the count are noted.
     fn list(&mut self, array: &str, count: &str, most: i32, numbers: (i32, i32)) -> Vec<(i32, usize)> {
         let Some(places) = self.whole(count, 0, most) else { return Vec::new() };
         let stated = self.config.array(array);
@@ -257,7 +258,7 @@ impl Compared<'_> {
         }
     }
 
-    /// The outputs that report to a line, in their order.
+    /// Checks the outputs that report to a line, in their order.
     fn line(&mut self, outputs: &[(i32, usize)]) {
         let Some(count) = self.whole("CELL_LINE_N", LINE_OUTPUTS, LINE_OUTPUTS) else { return };
         let expected = self.cell.io().line_outputs();
@@ -289,7 +290,7 @@ impl Compared<'_> {
         }
     }
 
-    /// The inputs that are mapped to flags.
+    /// Checks the inputs that are mapped to flags.
     fn mapped(&mut self) {
         let inputs = self.list("CELL_VIN", "CELL_VIN_N", MAX_MAPPED, (1, MAX_SIGNAL));
         let flags = self.list("CELL_VIN_FLAG", "CELL_VIN_N", MAX_MAPPED, (1, MAX_FLAG));

@@ -58,7 +58,7 @@ const FLAGS_AND_TIMERS: [&str; 13] = [
     "CELL_T_OFF",
     "CELL_T_STILL",
 ];
-/// Lists: their count, and the arrays that are added to the sum place by place, side by side.
+/// Lists: their count, and the arrays that are added to the sum element by element.
 const LISTS: [(&str, &[&str]); 5] = [
     ("CELL_OUT_N", &["CELL_OUT"]),
     ("CELL_OFF_N", &["CELL_OFF", "CELL_OFF_MS"]),

@@ -55,46 +55,47 @@ pub enum Action {
     /// Ask the robot whether it is at standstill; nothing else. Answered by `Standstill`.
     #[serde(rename = "stand")]
     CheckStandstill,
-    /// Test cameras, disk, handshake, checksums. `Done`.
+    /// Test cameras, disk, handshake, checksums. Answered by `Done`.
     SelfTest,
-    /// Open an epoch with a number above `above` and above the controller's number. No motion. `Epoch`.
+    /// Open an epoch with a number above `above` and above the controller's number. No motion. Answered by `Epoch`.
     OpenEpoch {
         /// The last epoch that this table knows.
         above: u32,
     },
-    /// The abort frame: tool and water off, brake, discard, retract if in contact. `Standstill` when the robot is at
-    /// standstill, and tool and water are proven off.
+    /// The abort frame: tool and water off, brake, discard, retract if in contact. Answered by `Standstill` when the
+    /// robot is at standstill, and tool and water are proven off.
     EndEpoch {
         /// The epoch that ends.
         epoch: u32,
     },
-    /// Set base and tool, echoed within 0.001 mm and degrees. `Done`.
+    /// Set base and tool, echoed within 0.001 mm and degrees. Answered by `Done`.
     SetFrames(Frames),
-    /// Switch an output and wait for its feedback. `Done`.
+    /// Switch an output and wait for its feedback. Answered by `Done`.
     Switch(Switch),
-    /// Check the whole path by its gate, then stream it within the window. `Progress`, then `Standstill`.
+    /// Check the whole path by its gate, then stream it within the window. Answered by `Progress`, then by
+    /// `Standstill`.
     Move(Motion),
-    /// Take a 3D shot and locate the panel in it. `Graded`.
+    /// Take a 3D shot and locate the panel in it. Answered by `Graded`.
     Locate,
-    /// Take the corner picture from this view and compute the correction. `Graded` or `LookOn`.
+    /// Take the corner picture from this view and compute the correction. Answered by `Graded` or `LookOn`.
     Refine {
-        /// Which corner pose, from 0.
+        /// The number of the corner pose, from 0.
         view: u8,
     },
-    /// Take the corner picture from this view, wet or dry, and verify the place. `Graded` or `LookOn`; accept
-    /// renews the localization.
+    /// Take the corner picture from this view, wet or dry, and verify the panel's pose. Answered by `Graded` or
+    /// `LookOn`; accept renews the localization.
     Verify {
-        /// Which corner pose, from 0.
+        /// The number of the corner pose, from 0.
         view: u8,
     },
-    /// Take the picture of the dry panel. `Done`.
+    /// Take the picture of the dry panel. Answered by `Done`.
     DryPicture,
-    /// Watch the film and judge it. `Filmed`.
+    /// Watch the film and judge it. Answered by `Filmed`.
     Film,
-    /// Grade the result of the last contact path, from the poses that the robot reported. `Graded`.
+    /// Grade the result of the last contact path, from the poses that the robot reported. Answered by `Graded`.
     Assess,
-    /// Plan a path over the grids that this pass must still abrade. `Planned`, `PlannedForReview`, or `Graded` with
-    /// reject.
+    /// Plan a path over the grids that this pass must still abrade. Answered by `Planned`, `PlannedForReview`, or
+    /// `Graded` with reject.
     Plan {
         /// The number of the pass, from 1; 0 is an air-run, over all grids.
         pass: u8,

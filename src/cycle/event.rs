@@ -1,4 +1,5 @@
-//! The inputs of the table: requests of a person and reports of the cell. Each event is one line of the journal.
+//! The inputs of the cycle's state table: requests of a person and reports of the cell. Each event is one line of the
+//! journal.
 
 use super::Switch;
 use serde::{Deserialize, Serialize};
@@ -46,7 +47,7 @@ pub enum Request {
         /// A person confirms that the panel is dry; the panel is then located again.
         dried: bool,
     },
-    /// Held for review → on: a person accepts the result as good.
+    /// Held for review → continue: a person accepts the result as good.
     Accept,
     /// End the cycle; ends in Stopped. SIGTERM.
     Stop,
@@ -131,8 +132,8 @@ pub enum Answer {
     },
     /// A gate's grade of a localization, a corner or a plan.
     Graded(Grade),
-    /// The corner is seen, and another view is needed: of the next corner, or because this one was not at its
-    /// expected place. The next corner pose is ready.
+    /// The corner is seen, and another view is needed: of the next corner, or because this one was not at its expected
+    /// position. The next corner pose is ready.
     #[serde(alias = "displaced")]
     LookOn,
     /// The result of the film; it may be invalid if the film was not watched to its end.
@@ -275,7 +276,7 @@ pub enum Trouble {
 }
 
 impl Trouble {
-    /// Returns whether the work may continue after a person has looked; all other troubles end in Aborted.
+    /// Returns whether the work may continue after a person has checked the cause; all other troubles end in Aborted.
     pub fn holds(self) -> bool {
         use Trouble::{Camera, Computing, DiskFull, Feedback, Force, Override, Picture, Slow, Starved};
         matches!(self, Camera | Picture | Computing | DiskFull | Feedback | Force | Override | Starved | Slow)

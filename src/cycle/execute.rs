@@ -51,8 +51,8 @@ impl Turn {
         }
     }
 
-    /// What a hold or a stop brings about now. Water may be commanded to run while the arm moves, contrary to what
-    /// was proven.
+    /// Returns the needs that a hold or a stop brings about now. Water may be commanded to run while the arm moves,
+    /// contrary to what was proven.
     fn leaving(&self) -> &'static [Row] {
         let is_moving = self.state.intent.is_some() && self.state.facts.epoch != Epoch::Closed;
         match (is_moving, self.state.facts.epoch, self.state.facts.tool) {
@@ -154,7 +154,7 @@ impl Turn {
         self.state.job.air && self.rules.keep(Rule::AirRun)
     }
 
-    /// The robot is at standstill at the end of a move, or before it.
+    /// Handles the robot's standstill at the end of a move, or before it.
     fn on_standstill(&mut self, motion: Motion, done: u32) {
         if done != motion.waypoints && self.rules.keep(Rule::WholePath) {
             // Standstill alone is no completion: a path that ended early leaves places unsanded, which would count as
@@ -178,8 +178,8 @@ impl Turn {
         }
     }
 
-    /// The abort frame is answered: the robot is at standstill, tool and water are off, nothing of the epoch is
-    /// left.
+    /// Handles the answer to the abort frame: the robot is at standstill, tool and water are off, nothing of the epoch
+    /// is left.
     fn epoch_ended(&mut self, done: u32) {
         // Reported progress is never reduced by a later answer.
         let done = self.state.intent.map_or(done, |intent| done.max(intent.done));
@@ -193,7 +193,8 @@ impl Turn {
         let facts = self.facts();
         facts.end_epoch(Epoch::Closed);
         (facts.tool, facts.tool_may_run) = (Tool::Off, false);
-        // With the drives off there is no retract: a person jogs the pad off, and Clear confirms it.
+        // With the drives off there is no retract: a person jogs the arm until the pad is off the panel, and Clear
+        // confirms it.
         facts.touching &= facts.robot != Robot::Ready;
         if ran {
             self.water_is_off();
@@ -204,8 +205,8 @@ impl Turn {
         }
     }
 
-    /// The abort frame was not answered, or could not be sent: only the controller itself can still stop. What is
-    /// not proven stays unknown, and is reported.
+    /// Handles an abort frame that was not answered, or could not be sent: only the controller itself can still stop.
+    /// What is not proven stays unknown, and is reported.
     fn abort_failed(&mut self) {
         if let At::Aborting { cause } = self.state.at {
             self.aborted(cause);
@@ -217,7 +218,7 @@ impl Turn {
         self.graded_in(grade, (next, next));
     }
 
-    /// The same, if the phase in which the cycle is held is not the next one.
+    /// Continues after a grade, if the phase in which the cycle is held is not the next one.
     fn graded_in(&mut self, grade: Grade, (next, held): (Phase, Phase)) {
         self.state.at = match grade {
             Grade::Review if self.rules.keep(Rule::ReviewHolds) => {

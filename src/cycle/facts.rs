@@ -47,7 +47,7 @@ pub struct Facts {
     pub token: Option<Id>,
 }
 
-/// Whether the controller accepts commands of our epoch.
+/// Whether the controller accepts commands of the cycle's epoch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[expect(missing_docs, reason = "the names say it")]
@@ -113,7 +113,7 @@ pub enum Extraction {
 }
 
 impl Facts {
-    /// The knowledge of a program when it starts.
+    /// The facts that a program knows when it starts.
     pub const UNKNOWN: Facts = Facts {
         robot: Robot::Unknown,
         full_override: false,
@@ -138,7 +138,7 @@ impl Facts {
         matches!(self.water, Water::Draining { .. } | Water::Drained)
     }
 
-    /// The switches that are done according to these facts.
+    /// Returns the switches whose effect is proven by these facts.
     pub fn proven(&self) -> impl Iterator<Item = Switch> + use<> {
         let tool = match self.tool {
             Tool::Unknown => None,

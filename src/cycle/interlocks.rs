@@ -82,8 +82,8 @@ pub(super) fn needs(act: Action) -> Vec<Row> {
     }
 }
 
-/// The needs of an act that do not hold, each as text; empty if the act may begin. For acts that a person requests
-/// one at a time: they keep the interlocks of a cycle.
+/// The needs of an act that are not satisfied, each as text; empty if the act may begin. For acts that a person
+/// requests one at a time: they keep the interlocks of a cycle.
 pub fn open_interlocks(act: Action, facts: &Facts) -> Vec<&'static str> {
     needs(act).into_iter().filter(|(_, need)| !need.holds(facts)).map(|(_, need)| need.words()).collect()
 }
@@ -187,7 +187,7 @@ impl Need {
         }
     }
 
-    /// The act that brings it about; `None` if only time does, or a person.
+    /// Returns the act that satisfies the need; `None` if only time or a person can satisfy it.
     pub fn brought_by(self, state: &State) -> Option<Action> {
         Some(match self {
             Need::Standing => Action::CheckStandstill,

@@ -8,10 +8,10 @@ pub fn fold(journal: impl IntoIterator<Item = Event>) -> State {
     journal.into_iter().fold(State::NEW, |state, event| step(state, event).0)
 }
 
-/// The state in which a program starts with this journal in its store: Aborted, or Stopped.
+/// Returns the state in which a program starts with this journal in its store: Aborted, or Stopped.
 ///
-/// It is the same as one step of [`Report::Boot`], which the loop journals before anything else, so that a journal
-/// of many starts folds as one.
+/// It is the same as one step of [`Report::Boot`], which the loop journals before anything else, so that a journal of
+/// many starts folds as one.
 pub fn recover(journal: impl IntoIterator<Item = Event>) -> State {
     step(fold(journal), Event::Reported(Report::Boot)).0
 }

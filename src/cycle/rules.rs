@@ -83,7 +83,7 @@ pub(super) enum Rule {
     ReviewHolds,
     /// A film without a result ends the cycle.
     InvalidEnds,
-    /// An air-run makes no contact, and needs no water to determine where to go.
+    /// An air-run makes no contact, and needs no water film to determine its path.
     AirRun,
     /// A dry picture is taken before the first water.
     DryPicture,

@@ -73,11 +73,11 @@ pub enum At {
     Holding(Hold),
     /// At rest inside a cycle.
     Held(Hold),
-    /// The way back: verify the place of the panel.
+    /// On the way back from Held: the panel's pose is verified.
     Unholding {
-        /// The phase in which it continues.
+        /// The phase in which the cycle continues.
         resume: Phase,
-        /// Whether the panel's place must be verified first.
+        /// Whether the panel's pose must be verified first.
         verify: bool,
     },
     /// Park, everything off.
@@ -129,7 +129,7 @@ impl At {
 #[serde(rename_all = "snake_case")]
 #[strum(serialize_all = "lowercase")]
 pub enum Phase {
-    /// A 3D shot of the dry panel, from which its place is determined.
+    /// A 3D shot of the dry panel, from which its pose is determined.
     Locate,
     /// The corner loop.
     Refine {
@@ -272,7 +272,7 @@ pub struct Job {
     pub plan: u64,
     /// Its waypoints.
     pub waypoints: u32,
-    /// Number of corners that the Verify in progress has seen at their expected places.
+    /// Number of corners that the Verify in progress has seen at their expected positions.
     #[serde(default)]
     pub verified: u8,
 }

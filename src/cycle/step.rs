@@ -168,8 +168,8 @@ impl Turn {
             // The hold continues: nothing moves, and a person may open the guard to dry the panel or to correct the
             // trouble.
             At::Held(_) if !matches!(robot, Robot::EmergencyStop | Robot::Restarted) => {}
-            // If the robot is gone, nothing can answer the abort frame. Its intent stays open until the robot has
-            // been asked.
+            // If the robot is gone, nothing can answer the abort frame. The motion's intent stays open until the robot
+            // has been asked.
             At::Aborting { cause } => {
                 let cause = cause.or(robot);
                 self.state.at = At::Aborting { cause };
@@ -210,7 +210,7 @@ impl Turn {
             {
                 self.drop();
             }
-            // A late but live robot does harm only while the pad touches.
+            // A robot that is late but responds does harm only while the pad touches the panel.
             _ if trouble == Trouble::Slow && !self.state.facts.touching => self.drop(),
             _ => self.trouble(trouble),
         }
@@ -267,8 +267,8 @@ impl Turn {
         }
     }
 
-    /// The end of an abort, known or not. The cycle is concluded here: the robot's reports until standstill are
-    /// part of it.
+    /// Ends an abort, whether or not the controller confirmed it. The cycle is concluded here: the robot's reports
+    /// until standstill belong to the cycle.
     pub fn aborted(&mut self, cause: Cause) {
         self.conclude(Verdict::Aborted);
         self.state.due = None;
@@ -276,11 +276,11 @@ impl Turn {
     }
 
     fn stop(&mut self) {
-        // A result that was not accepted stays what it was.
+        // A stop does not accept a result that waits for review: the verdict stays review.
         let review = matches!(self.state.at, At::Held(Hold { why: Why::Review, .. }));
         self.conclude(if review { Verdict::Review } else { Verdict::Aborted });
         self.state.due = None;
-        // It is at rest already, with water shut and epoch ended; a robot that is not ready accepts no command.
+        // The cell is at rest already, with water shut and epoch ended; a robot that is not ready accepts no command.
         // Reset checks again.
         if matches!(self.state.at, At::Held(_)) && self.state.facts.robot != Robot::Ready {
             self.state.at = At::Stopped;
@@ -291,8 +291,8 @@ impl Turn {
         self.state.at = At::Stopping { until };
     }
 
-    /// Reported at a start, before anything moves: a person looks at it first. The contents of the state may be
-    /// wrong.
+    /// Handles a store that was changed or restored, reported at a start before anything moves: a person must check it
+    /// first. The contents of the state may be wrong.
     fn store_is_another(&mut self, cause: Cause) {
         match self.state.at {
             // Nothing moves here, and there may be no robot yet to which an abort could be sent.

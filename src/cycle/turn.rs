@@ -1,4 +1,4 @@
-//! A step during its computation: the state, the effects so far, and the way from an aim to the next act.
+//! A step during its computation: the state, the effects so far, and how the next act follows from an aim.
 
 use super::interlocks::{Row, needs};
 use super::rules::{Rule, Rules};
@@ -105,7 +105,8 @@ impl Turn {
         }
     }
 
-    /// The act that brings about the first need that does not hold; `Some(None)` if only time does.
+    /// Returns the act that satisfies the first need that is not satisfied; `Some(None)` if only time or a person can
+    /// satisfy it, `None` if all needs are satisfied.
     fn unmet(&self, rows: &[Row]) -> Option<Option<Action>> {
         let missing = |(rule, need): &&Row| self.rules.keep(*rule) && !need.holds(&self.state.facts);
         rows.iter().find(missing).map(|(_, need)| need.brought_by(&self.state))

@@ -49,7 +49,7 @@ pub(super) struct Abrasion {
     /// The taught pixels that the disc touched in this cycle, or may have touched: the dry picture does not show
     /// their present appearance.
     sanded: Option<Arc<Mask>>,
-    /// The places at which the tool was, or may have been, in earlier cycles of this panel.
+    /// The passes of earlier cycles of this panel that touched a grid, or may have touched it.
     pub earlier: Vec<EarlierPass>,
     /// Whether the cycle is an air-run.
     pub is_air: bool,
@@ -69,7 +69,7 @@ impl Abrasion {
         )
     }
 
-    /// Returns the same on the surface of the other one, if that has a surface.
+    /// Returns this work on the surface of `other`, if `other` has a surface.
     pub(super) fn on_surface_of(self, other: Abrasion) -> Self {
         // If the same work was done before, it was done on the surface of the same scan.
         Abrasion { taught: self.taught.or(other.taught), fit: other.fit.or(self.fit), ..self }
@@ -166,7 +166,7 @@ impl Abrasion {
         Ok(Answer::Graded(both))
     }
 
-    /// Returns today's surface, or the taught one before the panel was surveyed.
+    /// Returns the surface from today's scan, or the taught one before the panel was surveyed.
     fn fitted(
         &mut self,
         cycle: &CycleSetup,
@@ -350,8 +350,8 @@ impl Abrasion {
         (number, u32::try_from(all.len().saturating_sub(1)).unwrap_or(u32::MAX))
     }
 
-    /// Evaluates the executed part of the plan's path, from the numbers of all and of executed waypoints and these
-    /// reports. The disc wear is returned in addition to the finding, mm².
+    /// Evaluates the executed part of the plan's path, from the number of all waypoints, the number of executed
+    /// waypoints, and the robot's reports. Also returns the disc wear, mm².
     pub fn executed(
         &mut self,
         cycle: &CycleSetup,

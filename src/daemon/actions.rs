@@ -15,8 +15,8 @@ use crate::geometry::KukaPose;
 use crate::record::Kind;
 use crate::verdict::{Judgement, Reason, Verdict};
 
-/// A stop that waits in the queue is processed before this many states of the robot: the loop processes a request
-/// at least between every second pair.
+/// A stop that waits in the queue is processed within this number of the robot's states: the loop processes at least
+/// one request between every second pair of states.
 const MAX_STATES_BEFORE_STOP: u8 = 3;
 
 impl Running<'_> {
@@ -84,7 +84,7 @@ impl Running<'_> {
         self.wait(id, act, Condition::Computing);
     }
 
-    /// Accepts a computed result if it is still waited for.
+    /// Accepts a computed result if it is still expected.
     pub(super) fn computed(&mut self, worked: Worked) -> Result<(), DaemonError> {
         let Worked { id, found, artifacts, notes, .. } = worked;
         let is_due =
@@ -158,8 +158,8 @@ impl Running<'_> {
     ) -> Result<(), DaemonError> {
         match waits {
             Ok(waits) => self.wait(id, act, waits),
-            // A stop is sent to the robot before the table processes it: then the table stops, and nothing has
-            // failed.
+            // A stop is sent to the robot before the state table processes it. In this case the state table then stops
+            // the cycle, and nothing has failed.
             Err(QueueError::NoEpoch) => self.wait(id, act, Condition::NoEpoch { states: MAX_STATES_BEFORE_STOP }),
             Err(error) => self.not_sent(id, &error)?,
         }
@@ -172,14 +172,14 @@ impl Running<'_> {
         Ok(())
     }
 
-    /// Records a finding that does not come from a stage: a trouble of the cell, in words, for a person. The
-    /// finding is no judgement of the panel.
+    /// Records a finding that does not come from a stage: a problem of the cell, described for a person. Such a
+    /// finding does not judge the panel.
     pub(super) fn note(&mut self, kind: Kind, reasons: Vec<Reason>) -> Result<(), RecordError> {
         let judgement = Judgement::new(vec![], reasons);
         self.record(Finding::new(kind, self.state.job.pass, judgement))
     }
 
-    /// Keeps a finding and reports it.
+    /// Records a finding and reports it.
     pub(super) fn record(&mut self, finding: Finding) -> Result<(), RecordError> {
         let Finding { pass, judgement, .. } = &finding;
         let stage = finding.kind.word();
@@ -222,7 +222,7 @@ impl Running<'_> {
         Ok(Condition::Feedback { last, proof })
     }
 
-    /// Checks by the robot's state whether the pending result has come.
+    /// Checks in the robot's state whether the result of the pending act is available.
     pub(super) fn look(&mut self, state: &State) -> Result<(), DaemonError> {
         let Some(PendingAction { id, act, waits }) = self.pending.take() else { return Ok(()) };
         let stands = !state.moving;

@@ -1,9 +1,9 @@
-//! What is wrong with the cell between cycles, as alarms: a camera that delivers nothing, a disk that is nearly
-//! full, a verification that ends soon.
+//! Alarms for problems of the cell between cycles: a camera that delivers nothing, a disk that is nearly full, a
+//! verification that soon expires.
 //!
-//! The checks run once a minute, and check the cameras only while the cell rests without a cycle. An alarm lasts
-//! until its cause is no longer found. The list begins anew with the service; the store keeps who acknowledged an
-//! alarm.
+//! The checks run once a minute; the cameras are checked only while the cell rests without a cycle. An alarm is active
+//! until its cause is no longer found. The list is empty again after a restart of the service; the store retains who
+//! acknowledged an alarm.
 
 use crate::history::{Acknowledgement, Alarm};
 use crate::verdict::Reason;
@@ -18,7 +18,7 @@ const CAMERA: &str = "camera";
 #[derive(Debug, Default)]
 pub(super) struct StandingAlarms(Mutex<Vec<Alarm>>);
 
-/// The problems found; for the cameras `None` if they were not examined.
+/// The problems found; `None` for the cameras if they were not checked.
 #[derive(Debug, Default)]
 pub(super) struct Found {
     pub cell: Vec<Reason>,
@@ -40,7 +40,7 @@ impl StandingAlarms {
             if alarms.iter().any(|alarm| alarm.is_active() && is_same(alarm, reason)) {
                 continue;
             }
-            // An alarm is acknowledged by its code and time: no two alarms may have both in common.
+            // An alarm is acknowledged by its code and time: two alarms must not have the same code and the same time.
             let after = alarms.iter().map(|alarm| alarm.raised_unix_ms + 1).max().unwrap_or(now_unix_ms);
             tracing::warn!("alarm {}: {}", reason.code, reason.message);
             alarms.push(Alarm::between_cycles(reason, now_unix_ms.max(after)));
@@ -63,7 +63,8 @@ impl StandingAlarms {
     }
 }
 
-/// Returns whether both state the same: their numbers change with time, their words do not.
+/// Returns whether an alarm and a reason describe the same problem: the numbers in the text change with time, the
+/// words do not.
 fn is_same(alarm: &Alarm, reason: &Reason) -> bool {
     let words = |text: &str| text.chars().filter(|c| !c.is_ascii_digit() && *c != '.').collect::<String>();
     alarm.code == reason.code && words(&alarm.message) == words(&reason.message)

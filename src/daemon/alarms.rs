@@ -37,7 +37,7 @@ pub struct Alarms {
     people: Arc<People>,
     standing: StandingAlarms,
     looked: Mutex<Option<Instant>>,
-    /// The troubles of the connections to the plant, by the connection's name.
+    /// The current problems of the connections to the plant, by the connection's name.
     troubles: Mutex<BTreeMap<&'static str, String>>,
 }
 
@@ -103,8 +103,8 @@ impl Alarms {
         self.standing.look(&found, now_unix_ms());
     }
 
-    /// Notes that a connection to the plant has this problem, or none any more. It is an alarm if it lasts until
-    /// the cell is checked. Returns whether it differs from before.
+    /// Records that a connection to the plant has this problem, or no problem any more. The problem becomes an alarm
+    /// if it still exists when the cell is checked. Returns whether it differs from the last recorded one.
     pub fn trouble(&self, of: &'static str, problem: Option<&str>) -> bool {
         let mut troubles = self.troubles();
         match problem {

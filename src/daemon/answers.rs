@@ -1,4 +1,4 @@
-//! The result of a phase, in the form for the table and in the form for the record.
+//! The result of a phase, in the form for the state table and in the form for the record.
 
 use super::error::DaemonError;
 use super::ports::{CameraFault, Figure, Record};
@@ -11,7 +11,8 @@ use crate::verdict::{Judgement, Reason, Verdict};
 /// The answer if the result of a required earlier act is missing.
 pub(super) const MISSING: Answer = Answer::Failed(Trouble::Unexpected);
 
-/// A drawing for the record. It decides nothing: if it could not be drawn, the bare picture is used.
+/// Returns a drawing for the record. The drawing decides nothing: if it could not be made, the picture without a
+/// drawing is used.
 pub(super) fn figure(drawing: Drawing, bare: &ColorPicture) -> Figure {
     let Drawing { name, caption, picture } = drawing;
     match picture {
@@ -28,7 +29,7 @@ pub(super) fn figure_alone(drawing: Drawing) -> Figure {
     figure(drawing, &ColorPicture::filled(1, 1, [245; 3]))
 }
 
-/// Converts a gate's judgement to a grade for the table.
+/// Converts a gate's judgement to a grade for the state table.
 pub(super) fn grade(judgement: &Judgement) -> Grade {
     match judgement.verdict {
         Verdict::Accept => Grade::Accept,
@@ -51,8 +52,8 @@ pub(super) fn blind(
     Ok(Answer::Failed(Trouble::Camera))
 }
 
-/// Records a picture that cannot be evaluated. After the scan this rejects the panel; before contact and in a film
-/// a person must look.
+/// Records a picture that cannot be evaluated. After the scan, such a picture rejects the panel; before contact and in
+/// a film, a person must check the panel.
 pub(super) fn unseen(kind: Kind, pass: u8, reason: Reason, record: &mut dyn Record) -> Result<Answer, DaemonError> {
     let found = if kind == Kind::Refine { rejected(kind, pass, reason) } else { undone(kind, pass, reason) };
     record.finding(&found)?;

@@ -1,5 +1,5 @@
-//! Low-priority threads for web and plant interfaces: they use no time of the loop and the robot's link. If a
-//! library panics on data from a network, its thread restarts and the cell continues.
+//! Low-priority threads for the web and plant interfaces: they take no processor time from the loop and the robot's
+//! link. If a library panics on data from a network, its thread restarts and the cell continues.
 
 use crate::supervision;
 use std::io;
@@ -37,13 +37,13 @@ pub(super) struct Plan {
     pub name: &'static str,
     /// The task of the thread, for the log.
     pub what: &'static str,
-    /// Number of threads that may wait for the disk, for hosts' names and similar.
+    /// Number of threads that may wait for the disk, the look-up of host names and similar.
     pub blocking: usize,
     /// Stack size for nested calls; `None` is the system's usual size.
     pub stack_bytes: Option<usize>,
 }
 
-/// The thread while it works. When this is dropped, the thread is requested to end and is waited for.
+/// A running thread. When this is dropped, the thread is requested to end, and the drop waits for its end.
 #[derive(Debug)]
 pub(super) struct Background {
     end: Option<oneshot::Sender<()>>,
@@ -51,8 +51,8 @@ pub(super) struct Background {
 }
 
 impl Background {
-    /// Starts the thread. It works until `begin` returns, which it does when it is requested to end. A panic in it
-    /// is not a fault of the cell: it begins anew.
+    /// Starts the thread. It works until `begin` returns, which happens when the thread is requested to end. A panic
+    /// in the thread is not a fault of the cell: `begin` is called again.
     ///
     /// # Errors
     /// If the operating system cannot start a thread.
@@ -153,7 +153,7 @@ mod tests {
     use super::*;
     use std::cell::Cell;
 
-    /// It panics twice, continues to work at its third begin, and ends when it is requested to.
+    /// The work panics twice, continues on its third start, and ends when it is requested to end.
     #[test]
     fn what_panics_begins_anew_until_it_is_ended() {
         let (end, ended) = oneshot::channel();

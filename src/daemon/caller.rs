@@ -17,7 +17,7 @@ pub fn whoever_runs_this() -> Who {
     named(Who { front: RequestSource::Command, uid: Some(rustix::process::getuid().as_raw()), user: None })
 }
 
-/// The same with the user's name, if this computer's list of users has one.
+/// Returns the same user with a name, if this computer's list of users has one.
 pub(super) fn named(who: Who) -> Who {
     match who.uid {
         Some(uid) => Who { user: name(uid), ..who },

@@ -2,14 +2,15 @@
 //! result.
 //!
 //! A [`Work`] owns copies of the artifacts that it reads or changes. It notes what is to be recorded instead of
-//! recording it. If work was abandoned in the meantime, it is therefore dropped completely: no part of its
-//! [`Worked`] is installed or recorded. Work is done one piece at a time, in the order in which it was submitted,
-//! since all work shares the cameras. The queue is processed on its own thread while the loop continues to answer,
-//! or by the loop itself if time stops meanwhile.
+//! recording it. If work was abandoned in the meantime, it is therefore dropped completely: no part of its [`Worked`]
+//! is installed or recorded. Work is done one piece at a time, in the order in which it was submitted, since all work
+//! shares the cameras. The queue is processed on its own thread while the loop continues to answer, or by the loop
+//! itself if time stops during the computation.
 //!
-//! A film is watched in steps of one picture, and its state stays here. By the wall clock one step follows the
-//! other automatically, at the latest `LOOK_AGAIN` after a step without a new picture, whatever the robot and the
-//! loop do. In lock step the loop requests each step, so that virtual time decides which picture is seen.
+//! A film is evaluated in steps of one picture, and its state stays here. With the wall clock, one step follows the
+//! other automatically, at the latest `PICTURE_POLL_INTERVAL` after a step without a new picture, regardless of the
+//! robot and the loop. In lock step the loop requests each step, so that virtual time determines which picture is
+//! evaluated.
 
 mod memory;
 mod work;
@@ -32,8 +33,8 @@ use std::thread;
 use std::time::Duration;
 use worker::Worker;
 
-/// No piece of work lasts this long. By then the table has long given up its answer, the robot is at standstill,
-/// and work that hangs prevents every later act.
+/// Maximum duration of a piece of work; a longer one hangs. By then the state table has long stopped waiting for its
+/// answer, the robot is at standstill, and work that hangs prevents every later act.
 const WORK_TIMEOUT: Duration = Duration::from_secs(180);
 
 /// Amount by which the priority of computing is lowered below that of the loop and the robot's link.
@@ -44,18 +45,18 @@ const PICTURE_POLL_INTERVAL: Duration = Duration::from_millis(2);
 
 /// The queue of work, with the executor that processes it.
 pub struct Computing<'p> {
-    /// Whether time stops while something is computed. By the wall clock a film continues automatically.
+    /// Whether time stops while something is computed. With the wall clock a film continues automatically.
     lock_step: bool,
     /// The number of the piece of work whose result is still awaited.
     due: Arc<AtomicU64>,
     executor: Executor<'p>,
 }
 
-/// A number that no piece of work has.
+/// A value of `due` that is not the number of any piece of work: no result is awaited.
 const NONE_DUE: u64 = u64::MAX;
 
 enum Executor<'p> {
-    /// The loop itself, when it accepts a result.
+    /// The loop itself computes when it accepts a result.
     Inline { worker: Box<Worker<'p>>, queue: VecDeque<Work>, remembers: Option<(Memory, SceneKey)> },
     /// A separate thread.
     Thread {
@@ -70,14 +71,14 @@ enum Executor<'p> {
 impl<'p> Computing<'p> {
     /// Computes when the loop accepts a result: the loop waits.
     pub fn inline(cameras: Box<dyn CameraPort + Send + 'p>, lock_step: bool) -> Self {
-        // The command that runs one cycle has just read its calibrations.
+        // The calibrations need no check here: the command that runs one cycle has just read them.
         let worker = Box::new(Worker::new(cameras, Box::new(Vec::new), None));
         let due = Arc::new(AtomicU64::new(NONE_DUE));
         Computing { lock_step, due, executor: Executor::Inline { worker, queue: VecDeque::new(), remembers: None } }
     }
 
-    /// The same, but results that were computed before are not computed again. For simulations of many cycles with
-    /// one setup.
+    /// Returns the same executor, but results that were computed before are not computed again. For simulations of
+    /// many cycles with one setup.
     pub fn remembering(mut self, memory: Memory, scene_key: SceneKey) -> Self {
         if let Executor::Inline { remembers, worker, .. } = &mut self.executor {
             worker.remember(memory.films());
@@ -86,10 +87,10 @@ impl<'p> Computing<'p> {
         self
     }
 
-    /// Starts a thread that computes; the loop's thread calls it. By the wall clock the thread has a lower priority
-    /// than the loop and the robot's link, and what the loop itself computes, it computes alone. The thread ends
-    /// when no more work is submitted. Nothing waits for its end, since a camera may hang. Viewers see on `view`
-    /// what it sees.
+    /// Starts a thread that computes; call this from the loop's thread. With the wall clock the thread has a lower
+    /// priority than the loop and the robot's link, and the loop computes its own part without other threads. The
+    /// thread ends when no more work is submitted. Nothing waits for its end, since a camera may hang. The pictures
+    /// that it evaluates are shown to viewers on `view`.
     ///
     /// # Errors
     /// If the operating system cannot start a thread.
@@ -145,7 +146,7 @@ impl<'p> Computing<'p> {
         }
     }
 
-    /// The id of the next available result; waits for this time.
+    /// Returns the id of the next available result; waits at most this time for one.
     pub(super) fn ready(&mut self, patience: Duration) -> Option<Id> {
         match &mut self.executor {
             Executor::Inline { queue, .. } => queue.front().map(|work| work.id),
@@ -235,7 +236,8 @@ impl Thread {
         self.sign.done();
     }
 
-    /// Does one piece of work, by the wall clock a film to its end; an error if nothing waits for results any more.
+    /// Performs one piece of work; with the wall clock, a film to its end. Returns an error if the results are not
+    /// received any more.
     fn work(&mut self, work: Work) -> Result<(), mpsc::SendError<Option<Box<Worked>>>> {
         let (id, act, pass, setup) = (work.id, work.act, work.pass, work.setup.clone());
         let mut next = Some(work);
@@ -260,7 +262,7 @@ impl Thread {
     }
 }
 
-/// The thread has ended by a fault, which was reported at its place.
+/// Returns the result for work whose thread has ended by a fault; the fault was reported where it occurred.
 fn lost(id: Id) -> Worked {
     let found = Ok(Found::Answer(Answer::Failed(Trouble::Computing)));
     Worked { id, found, artifacts: None, notes: vec![], is_of_film: false }
@@ -277,7 +279,7 @@ mod tests {
         (0..1_000).into_par_iter().map(|_| thread::current().id()).collect()
     }
 
-    /// The thread that requests this number of threads, and those that compute for it.
+    /// Returns the calling thread, which requests this number of threads, and the threads that compute for it.
     fn threads_used(count: usize) -> (ThreadId, HashSet<ThreadId>) {
         let asked = move || {
             let own = own_threads(count);

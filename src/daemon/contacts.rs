@@ -1,8 +1,8 @@
-//! The record of contact: what a path will touch and wear is kept before it begins, and how far it may go before it
-//! goes there. What it did is kept when the robot has reported its end.
+//! The record of contact. Before a path begins, the record states what the path will touch and wear; before the path
+//! continues, how far it may go. What the path did is recorded when the robot has reported its end.
 //!
-//! Waypoints are permitted some seconds of motion ahead of the robot's reports, well beyond what may be in
-//! progress. So after a crash at any moment the record bounds what was executed.
+//! Waypoints are permitted some seconds of motion ahead of the robot's reports, well beyond what may be in progress.
+//! So after a crash at any moment the record limits what may have been executed.
 
 use super::error::DaemonError;
 use super::path_progress::PathProgress;
@@ -14,8 +14,8 @@ use crate::eki::CommandId;
 use crate::record::ContactPath;
 
 impl Running<'_> {
-    /// Commits that a motion may begin. Before contact the whole path is counted as wear of the disc: the wear must
-    /// not be lost if a crash interrupts the path.
+    /// Records that a motion may begin. Before contact, the whole path is counted as wear of the disc, so that the
+    /// wear is not lost if a crash interrupts the path.
     pub(super) fn open_intent(&mut self, motion: &Motion) -> Result<(), DaemonError> {
         if motion.path != Path::Contact {
             return Ok(self.ports.record.keep(RecordCommand::OpenIntent(*motion))?);
@@ -54,7 +54,8 @@ impl Running<'_> {
         Ok(())
     }
 
-    /// Commits how a motion ended. If the robot did not report it, all that was counted beforehand remains counted.
+    /// Records how a motion ended. If the robot did not report it, everything that was counted beforehand remains
+    /// counted.
     pub(super) fn close_intent(&mut self, motion: &Motion, outcome: Outcome, done: u32) -> Result<(), DaemonError> {
         let underway = std::mem::take(&mut self.underway);
         // After a Clear nothing reports how far the arm went, so that the reserved wear and the permitted grids stay
@@ -75,7 +76,7 @@ impl Running<'_> {
         self.abrasion = abrasion;
         let Some((notes, worn_mm2)) = found else { return Ok(()) };
         self.keep(notes)?;
-        // This replaces the wear that was counted before the path began.
+        // The measured wear replaces the wear that was counted before the path began.
         Ok(self.ports.record.keep(RecordCommand::WearDisc(worn_mm2 - reserved_mm2))?)
     }
 }
@@ -98,8 +99,8 @@ mod tests {
         assert_eq!(underway.wanted(99), None);
     }
 
-    /// If the motions between waypoints last long, a minimum number of waypoints is permitted; otherwise the arm
-    /// would wait for them.
+    /// Even if the motions between waypoints last long, a minimum number of waypoints is permitted; otherwise the arm
+    /// would have to wait for the next permission.
     #[test]
     fn some_are_permitted_whatever_they_last() {
         let underway = PathProgress::new((0..=100).map(|n| 5.0 * f64::from(n)).collect(), 1.0);

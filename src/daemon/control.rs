@@ -1,10 +1,10 @@
-//! A single point of control: which side may command the cell, by a selector switch at the cell (ISO 10218-2).
+//! A single point of control: a selector switch at the cell determines which side may command the cell (ISO 10218-2).
 //!
-//! The input `local_control` of `[io.feedbacks]` is on while the switch is at local. Stop, Abort and Hold are
-//! accepted from every side. Clear, Unhold, Accept and the first Start after a start of the program or a Clear need
-//! a person at the cell: they are accepted at local, from the page, the socket or a command. Every other request
-//! that begins something is accepted only from the selected side. A cell without that input has no selection, and
-//! every front commands as its accounts permit.
+//! The input `local_control` of `[io.feedbacks]` is on while the switch is in the position local. Stop, Abort and Hold
+//! are accepted from every side. Clear, Unhold, Accept and the first Start after a start of the program or a Clear
+//! need a person at the cell: they are accepted in the position local, from the page, the socket or a command. Every
+//! other request that begins something is accepted only from the selected side. A cell without that input has no
+//! selection, and every front may command the cell as its accounts permit.
 
 use super::wiring::reads;
 use crate::cycle::Request;
@@ -56,8 +56,8 @@ impl Control {
         })
     }
 
-    /// Updates the state after an accepted request: a first start, or a Clear, after which the next start counts as
-    /// the first one again.
+    /// Updates the state after an accepted request: after the first start, further starts are free; after a Clear, the
+    /// next start counts as the first one again.
     pub fn has_taken(&mut self, request: Request) {
         match request {
             Request::Start { .. } | Request::AirRun { .. } => self.is_started = true,

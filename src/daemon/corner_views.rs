@@ -1,5 +1,5 @@
-//! A picture of a corner from a view: the place according to all corners, and whether they are still there before
-//! contact.
+//! Evaluates corner pictures: corrects the panel's pose by all corners, and checks before contact whether the corners
+//! are still at their positions.
 
 use super::answers::{MISSING, blind, figure, grade, reason, unseen};
 use super::error::DaemonError;
@@ -27,8 +27,8 @@ fn not_in_view(error: impl std::error::Error) -> Reason {
 }
 
 impl Perception {
-    /// Takes a corner picture from `base_from_camera`, and corrects the place by all corner pictures. `moves` were
-    /// made before.
+    /// Takes a corner picture from `base_from_camera`, and corrects the panel's pose by all corner pictures. `moves`
+    /// is the number of moves made before.
     pub fn refine(
         &mut self,
         cycle: &CycleSetup,
@@ -74,7 +74,8 @@ impl Perception {
         Ok(Answer::Graded(grade))
     }
 
-    /// The corners again, wet or dry: are they still at the places that the localization gives?
+    /// Views the corners again, wet or dry, and checks whether they are still at the positions that the localization
+    /// gives.
     pub fn verify(
         &mut self,
         cycle: &CycleSetup,
@@ -101,14 +102,14 @@ impl Perception {
         }
         let grade = grade(&verification.judgement);
         let goes_on = grade == Grade::Accept && self.corners.is_missing(cycle);
-        // A view that is followed by others does not need to have seen all corners.
+        // If other views follow this one, not all corners must have been seen yet.
         let needed = (!goes_on).then_some(self.corners.held().len());
         record.finding(&verification.finding(pass, needed))?;
         Ok(if goes_on { Answer::LookOn } else { Answer::Graded(grade) })
     }
 
-    /// Finds the corner to which the camera was sent, in the picture from a view; `place` states where it is looked
-    /// for.
+    /// Finds the corner to which the camera was sent in the picture of a view; `place` states where the corner is
+    /// expected.
     fn look(
         &mut self,
         (cycle, view): (&CycleSetup, u8),

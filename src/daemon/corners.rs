@@ -1,11 +1,11 @@
-//! The corner loop: which taught corners are looked at, what their pictures show together, and whether they are
-//! still at their expected places just before contact.
+//! The corner loop: which taught corners are viewed, what their pictures show together, and whether they are still at
+//! their expected positions just before contact.
 //!
-//! Two corners determine the panel's shift and turn; more add little. The first ones in the order of teaching with
-//! moves that pass the gate are used. View n looks at the n-th of these, and then round again. So both loops
-//! continue from view to view until each chosen corner was seen, and the first loop until each was at its expected
-//! place. The second loop must see the corners that determine the place after the first loop: one of these alone is
-//! not enough then.
+//! Two corners determine the panel's shift and rotation; more corners improve the result little. The first corners in
+//! the order of teaching whose moves pass the gate are used. View n looks at the n-th of these corners; after the last
+//! one, the views begin again at the first. So both loops continue from view to view until each chosen corner was
+//! seen, and the first loop until each was at its expected position. The second loop must see all corners that
+//! determine the pose after the first loop: only one of them is then not enough.
 
 use super::setup::CycleSetup;
 use crate::stages::corners::{Sighting, most};
@@ -22,9 +22,9 @@ pub(super) struct Corners {
     no_more: bool,
     /// The last picture of each corner.
     pub(super) seen: Vec<Sighting>,
-    /// The corners with which the panel's place was corrected; empty before the correction.
+    /// The corners by which the panel's pose was corrected; empty before the correction.
     held: Vec<usize>,
-    /// Those with moves that did not pass the gate since the loop began, and why.
+    /// The corners whose moves did not pass the gate since the loop began, and the reasons.
     left_out: Vec<(usize, String)>,
 }
 
@@ -56,7 +56,7 @@ impl Corners {
         self.left_out.push((corner, why.to_owned()));
     }
 
-    /// Returns the corners with which the panel's place was corrected, in the order of the views; none before the
+    /// Returns the corners by which the panel's pose was corrected, in the order of the views; none before the
     /// correction.
     pub fn held(&self) -> &[usize] {
         &self.held
@@ -95,7 +95,7 @@ impl Corners {
         if self.no_more { self.chosen.len().min(all) } else { all }
     }
 
-    /// From now on, the chosen corners that were seen determine the panel's position.
+    /// Makes the chosen corners that were seen the corners that determine the panel's pose.
     pub fn hold(&mut self) {
         self.held = self.chosen.clone();
         self.held.retain(|corner| self.seen.iter().any(|seen| seen.corner == *corner));
@@ -105,7 +105,8 @@ impl Corners {
         self.seen.len() < self.wanted(cycle)
     }
 
-    /// If no move leads to a corner that determines the place, it does not determine it any more.
+    /// Returns a reason if no move leads any more to a corner by which the pose was corrected: that corner cannot
+    /// confirm the pose.
     pub fn unseen(&self) -> Option<Reason> {
         let is_seen = |corner: &&usize| self.seen.iter().any(|seen| seen.corner == **corner);
         let missing: Vec<String> =

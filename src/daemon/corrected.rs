@@ -1,8 +1,9 @@
-//! The robot in true poses: its reports and its commands are corrected by the arm's measured errors.
+//! A robot port that works with true poses: reports and commands are corrected by the arm's measured errors.
 //!
-//! The controller computes with the drawing of its arm. With the correction that the cell's file names, every pose
-//! on this side of the link is the arm's true pose. The wire and a recording carry the controller's own numbers. An
-//! arm without a correction passes unchanged, to the last bit. Axis angles are the same on both sides.
+//! The controller computes with the nominal geometry of its arm. With the correction that the cell's file names, every
+//! pose on this side of the link is the arm's true pose. The link and a recording carry the controller's own numbers.
+//! For an arm without a correction all numbers pass unchanged, to the last bit. Axis angles are the same on both
+//! sides.
 
 use super::ports::{Port, RobotAnswer, RobotCommand, RobotPort};
 use crate::cell;
@@ -37,7 +38,8 @@ impl<'r> CalibratedRobot<'r> {
         }
     }
 
-    /// The tip in the active base as the controller reported it last; `None` for an arm without a correction.
+    /// Returns the TCP pose in the active base as last reported by the controller; `None` for an arm without a
+    /// correction.
     pub fn reported_tcp(&self) -> Option<KukaPose> {
         self.reported_tcp
     }
@@ -68,7 +70,7 @@ impl<'r> CalibratedRobot<'r> {
         Ok((sent, Some(at)))
     }
 
-    /// Sends a path, or one line, with corrected numbers for the controller.
+    /// Sends a path, or one linear motion, with corrected numbers for the controller.
     fn path(&mut self, points: Vec<MoveLin>, send: impl FnOnce(Vec<MoveLin>) -> RobotCommand) -> RobotAnswer {
         let (points, end) = match self.sent(points) {
             Ok(sent) => sent,
@@ -91,7 +93,7 @@ impl<'r> CalibratedRobot<'r> {
     }
 }
 
-/// The true pose of the tip in the active base.
+/// Returns the true TCP pose in the active base.
 fn tip(arm: &Kinematics, state: &State) -> KukaPose {
     let (base, tool) =
         (state.active_base.to_rigid::<Base, Base>(), state.flange_from_tool.to_rigid::<Flange, Tool>());
@@ -190,8 +192,9 @@ mod tests {
         wire.sent.iter().filter_map(line).collect()
     }
 
-    /// Computed by hand: the arm is 0.001 rad too far about base Z. So at x = 480 mm it is sent 0.48 mm less along
-    /// y, and turned back by 0.0573 degrees. A report from there is converted back to the requested place.
+    /// Calculated by hand: the arm is turned 0.001 rad too far about the Z axis of the base. So at x = 480 mm the
+    /// commanded point is 0.48 mm less along y, and turned back by 0.0573 degrees. A report from there is converted
+    /// back to the requested pose.
     #[test]
     fn a_line_is_sent_so_that_the_real_arm_comes_where_it_should() {
         let mut wire = Wire::default();

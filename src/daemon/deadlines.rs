@@ -57,7 +57,7 @@ impl Deadlines {
     }
 }
 
-/// This number of seconds; zero if it is not a valid time.
+/// Returns this number of seconds as a duration; zero if it is not a valid time.
 pub(super) fn seconds(seconds: f64) -> Duration {
     Duration::try_from_secs_f64(seconds).unwrap_or_default()
 }
@@ -83,7 +83,7 @@ mod tests {
         assert_eq!(over(&mut deadlines), None);
     }
 
-    /// A recording contains them, and a replay has them again.
+    /// A recording contains the armed deadlines, and a replay arms them again.
     #[test]
     fn what_was_told_is_armed_again() {
         let mut deadlines = Deadlines::default();

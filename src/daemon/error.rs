@@ -4,7 +4,7 @@ use super::ports::RecordError;
 use crate::requirements::recipe_fits::ForceMismatch;
 use crate::supervision::ThreadFault;
 
-/// Why a cycle cannot begin, or had to end when no verdict is possible.
+/// Why a cycle cannot begin, or had to end without a verdict.
 #[derive(Debug, thiserror::Error)]
 pub enum DaemonError {
     /// A required input or output has no name in the cell's file.
@@ -24,10 +24,10 @@ pub enum DaemonError {
     /// No corner was taught.
     #[error("no corner of this panel was taught; teach it with --corner and --flange")]
     NoCorner,
-    /// A corner was taught in an area where nothing may be measured.
+    /// A corner was taught in an area of the picture in which measuring is not permitted.
     #[error("a taught corner: {0}")]
     CornerOutsideOfLens(String),
-    /// Recipe and tool state forces that do not agree.
+    /// The forces of the recipe and of the tool state do not agree.
     #[error(transparent)]
     Force(#[from] ForceMismatch),
     /// The system provides no thread for computing.

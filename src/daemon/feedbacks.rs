@@ -1,11 +1,11 @@
-//! Monitors the proven facts about the outputs while the table relies on them (R21).
+//! Monitors the proven facts about the outputs while the state table relies on them (R21).
 //!
-//! Each fact of the table about an output was proven by a switch: the controller reported the output, and the
-//! feedback reported its effect. While the fact holds, each state of the robot must report the same. If the states
-//! report something else for [`CONTRARY_FOR_MS`], the table is informed. The work in progress is held, the tool is
-//! lifted off the panel, and the output is proven again before it is needed. A shorter time is tolerated because of
-//! the sensors: a flow switch flutters, and a sander slows down when it touches. An output that is being switched
-//! is monitored by its own act.
+//! Each fact of the state table about an output was proven when it was switched: the controller reported the output,
+//! and the feedback reported its effect. While the fact holds, each state of the robot must report the same. If the
+//! states report something else for [`CONTRARY_FOR_MS`], the state table is informed. The work in progress is held,
+//! the tool is lifted off the panel, and the output is proven again before it is needed. A shorter time is tolerated
+//! because feedbacks are not steady: a flow switch flutters, and a sander slows down when it touches the panel. An
+//! output that is being switched is monitored by its own act.
 
 use super::wiring::{SwitchFeedback, Wiring};
 use crate::cell::{Feedback, Output};
@@ -13,15 +13,15 @@ use crate::cycle::{Facts, Switch};
 use crate::eki::State;
 use crate::verdict::Reason;
 
-/// The time for which states may report something else than what was proven.
+/// The time for which states may contradict a proven fact, ms.
 const CONTRARY_FOR_MS: u32 = 500;
 
-/// A switch that has lost its proof, and since when by the controller's clock, ms.
+/// An output whose proof is contradicted, and since when, by the controller's clock, ms.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Contrary(Option<(Switch, u32)>);
 
 impl Contrary {
-    /// Returns the switch whose feedback contradicts its state for too long, as of this state of the robot.
+    /// Returns the output that the robot's states have contradicted for too long, including this state.
     pub(super) fn update(&mut self, wiring: &Wiring, facts: &Facts, state: &State) -> Option<Switch> {
         let now_ms = state.time_ms;
         // Judged only while the state is proven: during a switch the feedback is expected to differ.
@@ -55,7 +55,7 @@ fn on_or_off(on: bool) -> &'static str {
     if on { "on" } else { "off" }
 }
 
-/// What the state reports about a switch's output and feedback.
+/// Describes what the state reports about a switch's output and feedback.
 fn describe_state(switch: Switch, wiring: &Wiring, state: &State) -> String {
     let (_, output) = words(switch);
     let SwitchFeedback { outputs, feedback, opposite } = wiring.proof(switch).feedback_in(state);
@@ -69,7 +69,7 @@ fn describe_state(switch: Switch, wiring: &Wiring, state: &State) -> String {
     std::iter::once(output_words).chain(words).collect()
 }
 
-/// Returns the reason: what was proven and does not hold any more, and where to look.
+/// Returns the reason: which proven fact is not true any more, and what to check.
 pub(super) fn contrary_reason(switch: Switch, wiring: &Wiring, state: &State) -> Reason {
     let ((was_proven, _), tells) = (words(switch), describe_state(switch, wiring, state));
     let contrary_s = f64::from(CONTRARY_FOR_MS) / 1_000.0;
@@ -78,7 +78,7 @@ pub(super) fn contrary_reason(switch: Switch, wiring: &Wiring, state: &State) ->
     Reason::new("feedback", message)
 }
 
-/// Returns the reason: what was commanded and not proven by its deadline, and where to look. `None` if the state
+/// Returns the reason: what was commanded and not proven by its deadline, and what to check. `None` if the state
 /// reports it by now.
 pub(super) fn unproven_reason(switch: Switch, wiring: &Wiring, state: &State) -> Option<Reason> {
     if wiring.proof(switch).is_told(state) {

@@ -1,10 +1,10 @@
-//! A film as it is watched, and films that were watched before, for simulations of many cycles: equal pictures at
-//! equal times give equal films.
+//! The evaluation of a film, and a memory of films for simulations of many cycles: equal pictures at equal times give
+//! equal results.
 //!
-//! A film is evaluated picture by picture. If films are remembered, its pictures are only stored as they come. The
-//! film is evaluated, or recalled, when the last one has come. The conditions for accepting a picture are checked
-//! as it comes; if they fail, the film is evaluated from there on. With the thesis's method another fault may be
-//! reported at the end instead.
+//! A film is evaluated picture by picture. If films are remembered, its pictures are only stored as they arrive, and
+//! the film is evaluated, or its result recalled, after the last one. The conditions for accepting a picture are
+//! checked as the picture arrives; if they fail, the film is evaluated from there on. With the thesis's method, a
+//! different fault may be reported at the end instead.
 
 use super::answers::figure;
 use super::ports::Note;
@@ -47,7 +47,7 @@ pub(super) struct FilmMemory {
 
 #[derive(Debug, Default)]
 struct Known {
-    /// The places at which a film could be begun.
+    /// The inputs with which a film was begun without an error.
     places: BTreeSet<String>,
     films: BTreeMap<String, Judged>,
 }
@@ -69,12 +69,12 @@ pub(super) struct Filmed {
 pub(super) enum Watching {
     /// The pictures are evaluated as they arrive.
     AtOnce(Box<film::Filming>),
-    /// Looked at when its last picture has come.
+    /// The pictures are evaluated when the last one has arrived.
     AtTheEnd { memory: FilmMemory, shots: Vec<Shot>, begins_s: Option<f64> },
 }
 
 impl Watching {
-    /// Begins a film of the panel at this place with its dry picture.
+    /// Begins a film of the panel at this pose, with its dry picture.
     ///
     /// # Errors
     /// If the region is not in the picture, or the picture is not from the camera.
@@ -191,8 +191,8 @@ impl Filmed {
     }
 }
 
-/// Returns the data on which a film depends, except its place: its pictures, and their times after the first wet
-/// one.
+/// Returns the other data on which a film's result depends, besides the panel: its pictures, and their times after the
+/// first wet one.
 fn inputs(shots: &[Shot], begins_s: Option<f64>) -> String {
     let first_s = shots.iter().find(|(.., phase)| *phase == Phase::Wet).map_or(0.0, |(_, time_s, _)| *time_s);
     let one = |(picture, time_s, phase): &Shot| {
@@ -210,8 +210,7 @@ pub(super) fn mask_hash(mask: Option<&Mask>) -> u64 {
     hasher.finish()
 }
 
-/// A number that other pictures do not have. It identifies pictures within one process, in which no forged pictures
-/// occur.
+/// Returns a hash of a picture. It identifies pictures within one process, in which no forged pictures occur.
 fn picture_hash(picture: &ColorPicture) -> u64 {
     let mut hasher = DefaultHasher::new();
     (picture.width, picture.height, picture.rgb.as_flattened()).hash(&mut hasher);
@@ -256,7 +255,7 @@ fn judged(
     Ok(Judged { film, inspection: filmed.inspection, last: filmed.last, notes })
 }
 
-/// Returns the parameters for watching a film of the panel at this place.
+/// Returns the parameters for evaluating a film of the panel at this pose.
 fn watched<'a>(cycle: &'a CycleSetup, panel: &'a Filmed) -> film::Setup<'a> {
     film::Setup {
         panel: &cycle.panel,

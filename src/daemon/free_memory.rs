@@ -1,8 +1,8 @@
 //! Returns the memory of a cycle's pictures and scans to the system after the cycle.
 //!
-//! The C library keeps freed memory for the next allocations. Next to small objects that stay, such free memory
-//! breaks into pieces. So a service that runs for weeks holds more memory with every picture that found no piece of
-//! its size.
+//! The C library retains freed memory for the next allocations. If small objects stay allocated between them, the free
+//! blocks are fragmented. So the memory of a service that runs for weeks grows with every picture for which no free
+//! block is large enough.
 #![cfg_attr(target_env = "gnu", allow(unsafe_code, reason = "the C library's own function, which takes a number"))]
 
 /// Returns all free memory of the process to the system, if the C library can. This takes some 10 ms for each 30

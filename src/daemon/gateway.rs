@@ -1,4 +1,4 @@
-//! The service from the view of its fronts: a front passes on a request and its origin, and waits for one reply.
+//! The service as its fronts see it: a front passes on a request and its origin, and waits for one reply.
 
 use super::caller;
 use super::camera_lease::SharedCameras;
@@ -39,7 +39,8 @@ impl Gateway {
     /// loader.
     pub async fn request(&self, what: RequestKind, who: Who) -> Reply {
         let (what, who) = match what {
-            // The state is requested many times a second, and the user's name is read from a file.
+            // The user's name is not looked up here: the state is requested many times a second, and the name is read
+            // from a file.
             RequestKind::State => (RequestKind::State, who),
             // The files are read here and not in the loop, which must answer the robot while the disk is slow.
             RequestKind::Start(start) => {

@@ -14,8 +14,8 @@ impl Default for Hashing {
 }
 
 impl Hashing {
-    /// Runs work with passwords, one at a time, on a thread that ends with the work. A hash needs 19 MiB and most
-    /// of a processor, and each thread that stays alive would keep as much. Returns `None` if the program ends.
+    /// Runs work with passwords, one at a time, on a thread that ends with the work. A hash needs 19 MiB and most of a
+    /// processor, and a thread that stays alive would retain as much memory. Returns `None` if the program ends.
     pub async fn run<T: Send + 'static>(&self, work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
         let _turn = self.0.acquire().await.ok()?;
         let (tell, told) = oneshot::channel();

@@ -1,7 +1,7 @@
 //! The newest cycle in three dimensions, for people who watch: the points that the scan measured, and the planned
 //! paths.
 //!
-//! It is kept in the service's memory only and belongs to the newest cycle. Nothing waits for a viewer.
+//! The scene is stored in the service's memory only, and belongs to the newest cycle. Nothing waits for a viewer.
 
 use super::setup::CycleSetup;
 use crate::geometry::{Camera, OrganizedCloud, Panel, Rigid};
@@ -30,7 +30,7 @@ pub(super) struct ScenePath {
     pub plan: u64,
     /// The number of the pass, from 1; 0 for an air-run.
     pub pass: u8,
-    /// The tool's point at each waypoint in the panel's frame, mm, and whether the disc is on the panel there.
+    /// The TCP at each waypoint in the panel's frame, mm, and whether the disc is in contact with the panel there.
     pub waypoints: Vec<([f32; 3], bool)>,
     /// The overall direction in which the panel's face points, in the panel's frame: opposite to the tool's axis.
     pub facing: [f64; 3],

@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 
 /// Shortest time between two pictures.
 const MIN_PICTURE_INTERVAL: Duration = Duration::from_millis(450);
-/// A person who has requested a picture within this time counts as still watching.
+/// Time after the last request for a picture during which a person counts as watching.
 const VIEWER_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// The newest picture. Clones share the same picture.

@@ -1,4 +1,4 @@
-//! The one loop: an event, the table's step, its effects; then the next event.
+//! The main loop: an event, the step of the state table, its effects; then the next event.
 //!
 //! ```text
 //! requests ─┐                    ┌─ record: journal first, then everything else
@@ -6,27 +6,27 @@
 //! robot ────┘                    └─ cameras and computing               (`computing`, `perception`, `abrasion`)
 //! ```
 //!
-//! The table decides (see `cycle`); the loop performs. The data of an act (the scan's fit, the refined place, the
-//! film, the plan) stays in the loop and never enters the table, which receives ids, counts and grades. Acts that
-//! see and compute use one queue (`computing`): a thread empties it while the loop continues to answer, or, in a
-//! replay and in the simulated cell of one command, the loop itself does. The result of an act that was abandoned
-//! meanwhile changes nothing. The robot's link has a thread of its own, and its controller stops automatically if
-//! nothing feeds it.
+//! The state table decides (see `cycle`); the loop performs. The data of an act (the scan's fit, the refined pose, the
+//! film, the plan) stays in the loop and never enters the state table, which receives ids, counts and grades. Acts
+//! that see and compute use one queue (`computing`): a thread empties it while the loop continues to answer, or, in a
+//! replay and in the simulated cell of one command, the loop itself does. If an act was abandoned in the meantime, its
+//! result changes nothing. The robot's link has a thread of its own, and the controller stops automatically if it
+//! receives no data from this thread.
 //!
-//! Time is the robot's. In lock step it is the mock controller's virtual clock, so that sprays, films and deadlines
-//! need no real time; this clock stops while something is computed.
+//! The loop uses the robot's time. In lock step this is the mock controller's virtual clock, so that sprays, films and
+//! deadlines need no real time; this clock stops while something is computed.
 //!
 //! `setup` is the loop's input. `running` is its memory, with `pending_action`, the action in progress, and
-//! `path_progress`, the path that was sent and how far a contact path may continue. `answers` converts a phase's findings
-//! into the table's answer and the record's finding; `tool_state` is the known state of a compliant tool. `run`,
-//! `actions`, `moves`, `contacts`, `robot_reports` and `tool_reports` perform.
+//! `path_progress`, the path that was sent and how far a contact path may continue. `answers` converts a phase's
+//! findings into the state table's answer and the record's finding; `tool_state` is the known state of a compliant
+//! tool. `run`, `actions`, `moves`, `contacts`, `robot_reports` and `tool_reports` perform the effects.
 //!
-//! A service, a single cycle and a replay are this same loop on other `ports`. Around the loop of the service are
-//! `request` (the one request of every front) · `socket` (the front on this computer) · `protocol` (a line in, a
+//! A service, a single cycle and a replay use this same loop with different `ports`. Around the loop of the service
+//! are `request` (the one request of every front) · `socket` (the front on this computer) · `protocol` (a line in, a
 //! line out) · `gateway` (a request in, a reply out) · `request_queue` (waiting requests, by their urgency) ·
 //! `request_handler` (requests, signals and systemd, as the loop sees them) · `camera_lease` (the cameras, for others,
-//! between cycles) · `words` (states and refusals for people). `replay` records what passes through the ports, and
-//! runs a cycle again on a recording.
+//! between cycles) · `operator_texts` (states and refusals for people). `replay` records the data that pass through
+//! the ports, and runs a cycle again from a recording.
 
 mod abrasion;
 mod actions;

@@ -21,19 +21,19 @@ use crate::record::{Finding, Kind};
 use crate::verdict::Reason;
 use std::sync::Arc;
 
-/// Largest deviation of the tip from the commanded pose, mm and degrees.
+/// Largest deviation of the TCP from the commanded pose, mm and degrees.
 const DEVIATION_MM: f64 = 1.0;
 const DEVIATION_DEG: f64 = 0.5;
 /// Largest deviation of each axis from a commanded named pose, degrees: ten times the resolution that a controller
-/// reports. The arm thus counts as parked here in the same cases as in `single_interlocks`.
+/// reports. The limit is the same as in `single_interlocks`, so that the arm counts as parked in the same cases.
 const AXIS_DEVIATION_DEG: f64 = 0.1;
 
-/// Share of the axes' speed and acceleration between named poses, %.
+/// Speed and acceleration of the axes between named poses, % of their maximum.
 const AXIS_PERCENT: u8 = 20;
 
 impl Running<'_> {
     pub(super) fn begin_move(&mut self, id: Id, motion: Motion) -> Result<(), DaemonError> {
-        // A motion that is refused before it is sent was not executed, whatever happened on the previous path.
+        // A motion that is refused before it is sent has executed nothing, regardless of the previous path.
         (self.sent, self.left_at) = (None, 0);
         if !self.tool_lets_go(id, motion.path)? {
             return Ok(());
@@ -55,7 +55,7 @@ impl Running<'_> {
             let poses: Vec<Joints> = self.cell.ready.into_iter().chain([self.cell.park]).collect();
             return self.by_axes(id, motion, &poses);
         }
-        // If the tip is outside of the box, a line leads through the ready pose.
+        // If the TCP is outside the box, a linear motion leads through the ready pose.
         let tip: Option<Rigid<Base, Tool>> = self.robot_state.map(|state| state.base_from_tcp.to_rigid());
         if let (Path::Corner { .. }, Some(ready), Some(tip)) = (motion.path, self.cell.ready, tip)
             && self.cell.limits.workspace().is_some_and(|workspace| !workspace.holds(tip.origin()))
@@ -72,8 +72,8 @@ impl Running<'_> {
         self.by_lines(id, motion)
     }
 
-    /// Whether the cell must first warn of this motion: horn or lamp are on for a time before the first motion
-    /// after a rest.
+    /// Begins the warning before this motion, if one is required: horn or lamp are on for a time before the first
+    /// motion after a rest. Returns whether it is required.
     fn warns(&mut self, id: Id, motion: Motion) -> Result<bool, DaemonError> {
         let Some((number, _)) = self.cell.warning_output.filter(|_| !self.has_warned) else { return Ok(false) };
         let sent = self.ports.robot.send(Command::SetDigout(Signal { number, on: true }));
@@ -105,8 +105,8 @@ impl Running<'_> {
         }
     }
 
-    /// Checks whether the axes may move from their present position to these poses, one after the other, and avoid
-    /// obstacles on their way.
+    /// Checks whether the axes can move from their present position to these poses, one after the other, without a
+    /// collision with an obstacle.
     fn joints_are_good(
         &mut self,
         poses: &[Joints],
@@ -128,7 +128,7 @@ impl Running<'_> {
         Ok(good)
     }
 
-    /// Returns the first infeasibility on the way of the axes from there to these poses, one after the other.
+    /// Returns the first infeasibility on the path of the axes from there to these poses, one after the other.
     fn met_on_the_way(
         &self,
         from: &Joints,
@@ -146,8 +146,8 @@ impl Running<'_> {
 
     fn by_axes(&mut self, id: Id, motion: Motion, poses: &[Joints]) -> Result<(), DaemonError> {
         let tool = self.robot_state.map(|state| state.flange_from_tool.to_rigid());
-        // At the end of a path, the arm may be nearer to obstacles than other motions may come. The way home may
-        // begin there.
+        // At the end of a path, the arm may be nearer to obstacles than is permitted for other motions. The motion to
+        // home may begin there.
         if !self.leaves_an_unknown_place(poses)? || !self.joints_are_good(poses, (tool, None))? {
             self.answer(id, Answer::Failed(Trouble::Gate));
             return Ok(());
@@ -161,9 +161,9 @@ impl Running<'_> {
         self.under_way(id, motion, sent, (1, end))
     }
 
-    /// Checks the way from an unknown place. After a stop, an abort or a start of the program the arm may be
-    /// anywhere, and the tool may be at the panel. The axes move from there only if the whole way is clear of the
-    /// panel with the cell's own tool; otherwise a person moves the arm away.
+    /// Checks the motion from an unknown position. After a stop, an abort or a start of the program the arm may be
+    /// anywhere, and the tool may be at the panel. The axes move from there only if the whole motion is clear of the
+    /// panel with the cell's own tool; otherwise a person must move the arm away.
     fn leaves_an_unknown_place(&mut self, poses: &[Joints]) -> Result<bool, DaemonError> {
         let state = self.robot_state;
         // A person may have jogged the arm since the end of the path: the axes show whether it is still there.
@@ -192,17 +192,18 @@ impl Running<'_> {
         Ok(false)
     }
 
-    /// Returns the panel at the place last found by the earlier cycles; if none found it, at the place at which it
-    /// was taught.
+    /// Returns the panel at the pose last found by the earlier cycles; if none found it, at the pose at which it was
+    /// taught.
     fn last_known_panel(&self, cycle: &CycleSetup) -> Arc<Obstacles> {
         let base_from_panel: Rigid<Base, Panel> =
             self.last_place.map_or_else(|| panel_from_base_at_teaching().inverse(), |place| place.to_rigid());
         Arc::new(Obstacles::default().with("panel", cycle.panel.points().map(|(_, point)| base_from_panel * point)))
     }
 
-    /// Chooses the route of a motion. For the first view of a corner it is the route to the first taught corner
-    /// that passes the gate. For the next view it is the first such route to one of the other corners; if there is
-    /// none, the corners are repeated in turn. Verify uses only the corners that hold the place.
+    /// Chooses the route of a motion. For the first view of a corner, this is the route to the first taught corner
+    /// that passes the gate. For the next view, it is the first such route to one of the other corners; if there is
+    /// none, the chosen corners are viewed again in turn. Verify uses only the corners by which the pose was
+    /// corrected.
     fn chosen_route(&mut self, motion: Motion) -> Option<Gated> {
         let Path::Corner { view } = motion.path else { return self.route(motion) };
         self.perception.corners.begin_choice(view);
@@ -224,7 +225,7 @@ impl Running<'_> {
             self.perception.corners.leave_out(corner, &why);
         }
         match candidates.first() {
-            // Report the refusal of the first candidate.
+            // No candidate passes: choose the first one, so that its refusal is reported.
             Some(&first) if view == 0 => self.perception.corners.choose(view, first),
             Some(_) => self.perception.corners.end_choice(view),
             None => {}
@@ -326,7 +327,7 @@ impl Running<'_> {
         Ok(())
     }
 
-    /// The epoch is over and the robot is at rest; all commands of the epoch up to this one were executed.
+    /// Handles the end of the epoch with the robot at rest; all commands of the epoch up to this one were executed.
     pub(super) fn stood_still(&mut self, done: CommandId) {
         if let Some(sent) = self.sent.take() {
             self.left_at = sent.waypoints(done).max(sent.told);
@@ -379,7 +380,7 @@ impl Running<'_> {
     }
 }
 
-/// Returns the panel's place as the base that was set, in which the tip is reported.
+/// Returns the panel's pose as the base that was set: the TCP is reported in this base.
 fn as_base(place: Rigid<Base, Panel>) -> Rigid<Base, Base> {
     Rigid::claim(*place.isometry())
 }

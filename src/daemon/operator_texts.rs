@@ -26,7 +26,7 @@ pub fn command(request: Request) -> &'static str {
     }
 }
 
-/// Returns the reason for a decision that does not state the step on which it was made.
+/// Returns the reason for refusing a decision that does not state the step on which it was made.
 pub(super) fn no_step(request: Request) -> Reason {
     let message = format!(
         "{} needs the step that it was decided upon, and none is given; read the state, then request it with the step that it shows",
@@ -35,7 +35,7 @@ pub(super) fn no_step(request: Request) -> Reason {
     Reason::new("bad_request", message)
 }
 
-/// Returns why a decision on this step is not accepted now. `was` is what that step showed, if it is known.
+/// Returns why a decision on this step is not accepted now. `was` is the text that this step showed, if it is known.
 pub(super) fn outdated(request: Request, (step, was): (u64, Option<&str>), now: &State) -> Reason {
     let was = was.unwrap_or("a state that this service did not see");
     let message = format!(
@@ -65,7 +65,7 @@ pub(super) fn place(at: At) -> String {
     }
 }
 
-/// Returns the requests that the table would accept now.
+/// Returns the requests that the state table would accept now.
 fn possible(state: &State) -> Vec<&'static str> {
     let all = [
         Request::Reset,
@@ -122,7 +122,7 @@ pub fn refusal(request: Request, refusal: Refusal, state: &State) -> Reason {
     }
 }
 
-/// Returns why the robot is not ready.
+/// Returns the reason that describes the robot's condition, such as why it is not ready.
 pub(super) fn robot(robot: Robot) -> Reason {
     let (code, message) = match robot {
         Robot::Unknown => ("robot_unknown", "nothing was received from its controller yet"),
@@ -177,7 +177,7 @@ pub(super) fn trouble(trouble: Trouble) -> Reason {
     Reason::new(code, message)
 }
 
-/// Returns the reason for a cycle that was ended on request: it is no fault, and no one has to clear anything.
+/// Returns the reason for a cycle that was ended on request: this is not a fault, and nothing has to be cleared.
 pub(super) fn stopped() -> Reason {
     Reason::new("stopped", "stopped on request before the cycle's end")
 }
@@ -194,8 +194,7 @@ pub(super) fn ended(event: Event, at: At) -> Option<Reason> {
     }
 }
 
-/// Returns why the cycle is in this state, if that is not obvious, with the way out, and what may still run or
-/// move.
+/// Returns why the cycle is in this state, if that is not obvious, with the remedy, and what may still run or move.
 pub fn why(state: &State) -> Vec<Reason> {
     let why = match state.at {
         At::Aborting { cause } | At::Aborted { cause } | At::Clearing { cause } => Some(aborted(cause)),
@@ -205,7 +204,7 @@ pub fn why(state: &State) -> Vec<Reason> {
     why.into_iter().chain(not_proven(state)).collect()
 }
 
-/// Returns the commands to the robot before it came to rest here that it has not confirmed.
+/// Returns the commands that were sent before the robot came to rest here, and that it has not confirmed.
 fn not_proven(state: &State) -> Vec<Reason> {
     let At::Aborted { .. } = state.at else { return vec![] };
     let mut reasons = Vec::new();
@@ -313,7 +312,7 @@ mod tests {
         );
     }
 
-    /// Drying is no way out if the tool's work waits for a person.
+    /// Drying is not offered as a remedy if the result of the tool's work waits for a person's review.
     #[test]
     fn a_review_of_contact_offers_accept_and_stop_alone() {
         let at = |resume| At::Held(Hold { why: Why::Review, resume });
@@ -339,7 +338,7 @@ mod tests {
         assert_eq!(why(&State { at: At::Idle, ..State::NEW }), []);
     }
 
-    /// Reported in addition to the cause, until a feedback or a person states otherwise.
+    /// Unconfirmed commands are reported in addition to the cause, until a feedback or a person confirms the state.
     #[test]
     fn what_is_not_proven_is_told() {
         let mut state = State { at: At::Aborted { cause: Cause::OutputsOn }, ..State::NEW };

@@ -43,8 +43,8 @@ impl SentPath {
     }
 }
 
-/// Motion that is permitted ahead, in windows of the link. Below `MIN_WINDOWS`, more motion is permitted, up to
-/// `MAX_WINDOWS`.
+/// Duration of the motion that is permitted ahead, in windows of the link. If it is less than `MIN_WINDOWS`, more
+/// waypoints are permitted, up to `MAX_WINDOWS`.
 const MIN_WINDOWS: f64 = 2.0;
 
 const MAX_WINDOWS: f64 = 4.0;
@@ -52,7 +52,7 @@ const MAX_WINDOWS: f64 = 4.0;
 /// Smallest number of waypoints that are permitted ahead, whatever their duration.
 const MIN_AHEAD: u32 = 16;
 
-/// The contact path under way, as far as the record is concerned.
+/// The data of the contact path in progress that the record needs.
 #[derive(Debug, Default)]
 pub(super) struct PathProgress {
     /// Wear of the disc that is already counted for this path, mm².
@@ -80,7 +80,8 @@ impl PathProgress {
         self.reached_s.get(waypoint as usize).or(self.reached_s.last()).copied().unwrap_or(0.0)
     }
 
-    /// Returns how many waypoints may be sent once this many are executed, if that is more than now.
+    /// Returns the new number of permitted waypoints after this many are executed; `None` if no more need to be
+    /// permitted now.
     pub fn wanted(&self, done: u32) -> Option<u32> {
         let (all, now_s) = (self.all(), self.at_s(done));
         let ahead_s = self.at_s(self.permitted) - now_s;

@@ -15,13 +15,14 @@ pub(super) struct PendingAction {
 /// The events for which an act can wait.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Condition {
-    /// The robot at rest.
+    /// Waits for the robot at rest.
     Standing,
     /// The requested epoch.
     Epoch,
-    /// The end of the epoch, with tool and water proven off; the number of executed waypoints, once it is reported.
+    /// Waits for the end of the epoch, with tool and water proven off; `done` is the number of executed waypoints,
+    /// once it is reported.
     EpochEnd { done: Option<u32> },
-    /// Waits until base and tool are executed and echoed.
+    /// Waits until the commands for base and tool are executed and the controller reports both.
     Frames(CommandId),
     /// Waits until outputs are set and the feedback proves them.
     Feedback { last: CommandId, proof: Proof },
@@ -36,15 +37,15 @@ pub(super) enum Condition {
     /// Waits for the report of the stop that ended the epoch before the command could be sent. If there is no such
     /// stop, the act has failed.
     NoEpoch {
-        /// Number of states of the robot until the act has failed.
+        /// Number of robot states that are awaited until the act has failed.
         states: u8,
     },
-    /// Waits for the pose from which a line may begin.
+    /// Waits until the arm is in the pose from which a linear motion may begin.
     Ready(CommandId),
-    /// The end of a path.
+    /// Waits for the end of a path.
     PathEnd,
     /// What is computed.
     Computing,
-    /// In lock step: waits for the robot's next state, and with it for the time of the film's next picture.
+    /// In lock step: waits for the robot's next state, and so for the time of the film's next picture.
     Film,
 }

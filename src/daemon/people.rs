@@ -21,7 +21,7 @@ const MAX_LINES: MostLines = MostLines { done: 0, refused: 20 };
 pub enum LogIn {
     /// They are right.
     Right(Account),
-    /// The name or the password is wrong, or the account is disabled; with the words for the audit trail.
+    /// The name or the password is wrong, or the account is disabled; the text is for the audit trail.
     Wrong(&'static str),
     /// Log-in to the account is blocked for this many more seconds. The password was not checked.
     Pauses(f64),
@@ -49,7 +49,7 @@ pub struct People {
 }
 
 impl People {
-    /// Creates the people of the store in this folder, which need not exist yet.
+    /// Creates the access to the people of the store in this folder, which need not exist yet.
     pub fn new(folder: PathBuf) -> Self {
         People {
             store: StoreAccess::new(folder),
@@ -71,7 +71,7 @@ impl People {
         self.lockout.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns the remaining seconds in which this account's password may not be tried, after wrong ones.
+    /// Returns the remaining seconds for which this account's log-in is blocked after wrong passwords.
     pub fn pauses_s(&self, name: &str) -> Option<f64> {
         self.lockout().pauses_s((name, true), self.now_s())
     }
@@ -84,7 +84,7 @@ impl People {
         self.store.read(read)
     }
 
-    /// Writes a row for which no cycle waits, on the calling thread, which may wait for the disk.
+    /// Writes a row on the calling thread, which may wait for the disk; no cycle waits for such a row.
     ///
     /// # Errors
     /// If the store cannot be opened or written.
@@ -92,7 +92,7 @@ impl People {
         self.store.write(write)
     }
 
-    /// Writes a line of the audit trail; if the disk refuses, the line is in the service's log.
+    /// Writes a line of the audit trail; if the disk refuses, the line is written to the service's log.
     pub fn audit(&self, entry: &AuditEntry) {
         if let Err(error) = self.write(|store| store.keep_audit(entry)) {
             let (what, who) = (&entry.what, entry.who.as_deref().unwrap_or("a person who is not logged in"));
@@ -128,9 +128,8 @@ impl People {
         }
     }
 
-    /// Judges a name and a password, and counts a wrong one. It computes on the calling thread for a while. The
-    /// caller must have the turn of [`People::hashing`], so that each attempt takes the results of earlier attempts
-    /// into account.
+    /// Checks a name and a password, and counts a wrong one. It computes on the calling thread for a while. Call it
+    /// only within [`People::hashing`], so that each attempt takes the results of earlier attempts into account.
     pub fn tried(&self, name: &str, password: &str) -> LogIn {
         let account = self.account(name);
         let who = (name, account.is_some());
@@ -159,7 +158,7 @@ impl People {
         if accounts::checked_name(name).is_err() {
             return LogIn::Unknown;
         }
-        // A person who has to wait anyway does not use another person's turn.
+        // A person whose log-in is blocked does not occupy the turn of another person.
         if let Some(left_s) = self.pauses_s(name) {
             return LogIn::Pauses(left_s);
         }

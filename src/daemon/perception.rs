@@ -1,4 +1,4 @@
-//! Perception of the panel: its place, and the result of the film. The artifacts are kept here.
+//! Perception of the panel: its pose, and the result of the film. The artifacts are stored here.
 
 use super::answers::{MISSING, blind, figure, grade, reason, unseen};
 use super::corners::Corners;
@@ -20,7 +20,7 @@ use crate::{locate, report};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// The place of the panel and the result of its film.
+/// The pose of the panel and the result of its film.
 #[derive(Debug, Default, Clone)]
 pub(super) struct Perception {
     /// The panel's pose from the 3D scan.
@@ -31,9 +31,9 @@ pub(super) struct Perception {
     pub(super) place: Option<Rigid<Base, Panel>>,
     /// The taught corners that are viewed, and their results.
     pub corners: Corners,
-    /// The panel at its found place and everything else in the scan, as obstacles for the arm.
+    /// The panel at its found pose and everything else in the scan, as obstacles for the arm.
     obstacles: Option<Arc<Obstacles>>,
-    /// The points of the panel's region in the scan that located the panel.
+    /// The points of the panel's region in the scan by which the panel was located.
     todays_points: Arc<Vec<TodaysPoint>>,
     dry: Option<(Arc<ColorPicture>, f64)>,
     /// The films of this cycle, in order.
@@ -64,12 +64,12 @@ impl Filming {
 }
 
 impl Perception {
-    /// Returns the place of the panel, as well as it is known.
+    /// Returns the best known pose of the panel.
     pub fn place(&self) -> Option<Rigid<Base, Panel>> {
         self.place
     }
 
-    /// A cycle is over and its pictures are on the record; the place of the panel is kept.
+    /// Discards the pictures after a cycle, since they are in the record; the pose of the panel is retained.
     pub fn forget_pictures(&mut self) {
         (self.dry, self.film_picture) = (None, None);
         self.inspections.clear();
@@ -80,7 +80,7 @@ impl Perception {
         Some(self.place? * cycle.corners.get(self.corners.aimed())?.teaching.panel_from_camera)
     }
 
-    /// Returns the place of the panel relative to the arm, with the corners that hold it.
+    /// Returns the pose of the panel relative to the arm, with the corners by which it was corrected.
     pub fn approach(&self) -> Option<Approach<'_>> {
         let (corners, obstacles) = (self.corners.held(), self.obstacles());
         self.place.map(|base_from_panel| Approach { base_from_panel, corners, obstacles })
@@ -96,14 +96,14 @@ impl Perception {
         &self.todays_points
     }
 
-    /// Returns the data of the panel's place on which a later phase's result depends, as text. Obstacles follow
-    /// from the scan by which the panel was located.
+    /// Returns the data of the panel's pose on which a later phase's result depends, as text. The obstacles are not
+    /// included, since they follow from the scan by which the panel was located.
     pub(super) fn place_inputs(&self) -> String {
         let Perception { located, located_mm, place, corners, .. } = self;
         format!("{located:?} {located_mm:?} {place:?} {corners:?}")
     }
 
-    /// Returns the same with the result of the film.
+    /// Returns the data of `place_inputs` with the result of the film.
     pub(super) fn inputs(&self) -> String {
         let inspections = &self.inspections;
         let failed: Vec<_> = inspections
@@ -127,7 +127,7 @@ impl Perception {
         }
     }
 
-    /// Takes a 3D shot and locates the panel in it. The film results of the panel's grids are kept.
+    /// Takes a 3D shot and locates the panel in it. The film results of the panel's grids are retained.
     pub fn locate(
         &mut self,
         cycle: &CycleSetup,
@@ -267,7 +267,7 @@ impl Perception {
         if since_s < cycle.demands().filmed_s() {
             return Ok(Ok(filming));
         }
-        // If the camera is lost now, it has already delivered all the pictures that are needed.
+        // If ending the film fails because the camera is lost, all the needed pictures have already been delivered.
         let dropped = eyes.end_film().inspect_err(|error| tracing::warn!("the film's end: {error}")).ok();
         self.finish(cycle, (filming, dropped), pass, record).map(Err)
     }
@@ -291,7 +291,7 @@ impl Perception {
     }
 }
 
-/// Returns the view of the 3D camera, with the panel at its place.
+/// Returns the view of the 3D camera, with the panel at its pose.
 pub(super) fn view<'a>(
     cycle: &'a CycleSetup,
     picture: &'a ColorPicture,

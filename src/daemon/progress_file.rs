@@ -13,7 +13,7 @@ pub(super) fn read<T: DeserializeOwned + Default>(folder: &Path, name: &str) -> 
     serde_json::from_slice(&bytes).unwrap_or_default()
 }
 
-/// Writes it: completely or not at all.
+/// Writes the progress, either completely or not at all.
 ///
 /// # Errors
 /// If the disk refuses, with the file's name.

@@ -1,14 +1,15 @@
-//! The service's socket, in lines: one JSON object is the request, one is the answer, then the connection ends.
+//! The line protocol of the service's socket: one JSON object is the request, one is the answer, then the connection
+//! ends.
 //!
 //! ```text
 //! {"ask":"unhold","dried":true,"step":17}
 //! {"answer":"refused","state":"idle","phase":null,"epoch":4,"step":18,"cycle_id":null,"verdict":null,"recording":null,"reasons":[…]}
 //! ```
 //!
-//! Strict: an unknown word, an unknown or repeated key, more than one object, a line that is too long or has no end
-//! is refused. The refusal states what is allowed, and no part of the line is executed. A recipe is sent as its
-//! text, so that a client needs no file that the service can read. This module reads and writes no socket: see
-//! `socket`.
+//! The protocol is strict: an unknown word, an unknown or repeated key, more than one object, or a line that is too
+//! long or has no end is refused. The refusal states what is allowed, and no part of the line is executed. A recipe is
+//! sent as its text, so that a client needs no file that the service can read. This module reads and writes no socket:
+//! see `socket`.
 
 use super::camera_lease::ShotRequest;
 use super::request::{RequestKind, StartRequest};
@@ -20,7 +21,7 @@ pub const MAX_BYTES: usize = 256 * 1_024;
 /// Maximum length of any other line.
 pub(super) const MAX_SHORT_BYTES: usize = 4 * 1_024;
 
-/// Whether a line with this beginning may be as long as a start.
+/// Returns whether a line with this beginning may be as long as a start.
 pub(super) fn may_be_long(beginning: &[u8]) -> bool {
     let word = b"\"start\"";
     let searched = &beginning[..beginning.len().min(MAX_SHORT_BYTES)];
@@ -67,7 +68,7 @@ pub enum ProtocolError {
     /// The line took too long.
     #[error("the line did not come whole in time; write it at once")]
     Slow,
-    /// Other connections needed the resources of this one.
+    /// The connection was closed because other connections needed its slot.
     #[error(
         "too many connections are open, and this one was silent for longest; write the line at once, and try again"
     )]
@@ -203,7 +204,7 @@ mod tests {
             (b"{\"ask\":\"hold\"}{\"ask\":\"abort\"}\n", "trailing"),
             (b"{\"ask\":\"unhold\",\"dried\":\"yes\"}\n", "boolean"),
             (b"{\"ask\":\"unhold\",\"dried\":1}\n", "boolean"),
-            // A person's decision must name the step on which it is based.
+            // Refused: a person's decision must state the step on which it is based.
             (b"{\"ask\":\"unhold\",\"dried\":true}\n", "step"),
             (b"{\"ask\":\"accept\"}\n", "step"),
             (b"{\"ask\":\"clear\"}\n", "step"),

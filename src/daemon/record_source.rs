@@ -16,7 +16,7 @@ pub struct RecordPdf {
 
 /// The source of the pages of cycles, and of their signatures.
 pub trait RecordSource: Send + Sync {
-    /// Returns the page of a cycle, as it is in the store or as it is so far.
+    /// Returns the page of a cycle from the store; for a cycle in progress, as it is so far.
     ///
     /// # Errors
     /// If it cannot be made, in words.
@@ -31,7 +31,7 @@ pub trait RecordSource: Send + Sync {
     /// Signs a record as a person; returns the number of the signature.
     ///
     /// # Errors
-    /// If the cycle is not over, the person has already signed in this way, or the store cannot be written, in
-    /// words.
+    /// If the cycle is not over, the person has already given this kind of signature, or the store cannot be written,
+    /// in words.
     fn sign(&self, signs: &PersonSigns) -> Result<u64, String>;
 }

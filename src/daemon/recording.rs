@@ -11,7 +11,8 @@ use crate::verdict::{Reason, Verdict};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Minimum free disk space for the begin of a cycle, MB: room for its pictures and the journal of its worst day.
+/// Minimum free disk space for the beginning of a cycle, MB: enough for its pictures and for the longest journal of a
+/// day.
 pub const FLOOR_MB: u64 = 1_000;
 /// Number of pictures of a clip that are compressed at the same time.
 const BATCH_PICTURES: usize = 8;
@@ -95,7 +96,7 @@ pub fn keeper(store: &Store) -> Result<Keeper, StoreError> {
     Ok(Box::new(move |picture| writer.put_picture(&write_color_jpeg(picture).map_err(failed)?).map_err(failed)))
 }
 
-/// Returns the reason that the disk is full, with the files to delete and the space that is needed.
+/// Returns the reason for a full disk, with the files to delete and the space that is needed.
 fn full(store: &Store) -> Reason {
     Reason::new("disk_full", format!("{}; a cycle needs {FLOOR_MB} MB", store.full()))
 }

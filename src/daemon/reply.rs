@@ -12,7 +12,7 @@ use std::sync::Arc;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Exit {
-    /// The table accepted it.
+    /// The state table accepted the request.
     Done,
     /// The request is refused: it is not possible now, or not in this form.
     Refused,
@@ -41,7 +41,7 @@ pub struct Reply {
     pub state: Option<String>,
     /// The phase inside Execute; if the cycle is held, the phase in which it continues.
     pub phase: Option<String>,
-    /// The panel of the cycle that runs or ran last.
+    /// The panel of the current cycle, or of the last one.
     pub panel: Option<String>,
     /// The cycle's number of abrasions so far.
     pub pass: Option<u8>,
@@ -58,14 +58,14 @@ pub struct Reply {
     pub axes_deg: Option<[f64; 6]>,
     /// The last epoch of the robot.
     pub epoch: Option<u32>,
-    /// The step of the cycle's table that this reply shows; the requests accept, unhold and clear must name it.
+    /// The step of the cycle's state table that this reply shows; the requests accept, unhold and clear must state it.
     #[serde(default)]
     pub step: Option<u64>,
     /// The cycle that runs, or the last one since the service started.
     pub cycle_id: Option<i64>,
     /// The verdict of the cycle, once it exists.
     pub verdict: Option<Verdict>,
-    /// Its recording, if it has one.
+    /// The recording of the cycle, if there is one.
     pub recording: Option<Recorded>,
     /// The action that was done, if the state does not show it.
     pub done: Option<String>,
@@ -79,7 +79,7 @@ pub struct Reply {
 /// The data that only the operator's page and the plant show.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Extras {
-    /// The state of the cycle's table.
+    /// The state of the cycle's state table.
     pub table: Option<State>,
     /// Words of the requests that the table would accept now.
     pub possible: Vec<&'static str>,

@@ -44,11 +44,12 @@ impl Request {
 
 /// What is requested.
 pub enum RequestKind {
-    /// To report the present state. This is answered at once.
+    /// Requests a report of the present state. It is answered at once.
     State,
-    /// To start a cycle, as a front requests it. The loop receives it as `Begin` or `Unprepared`.
+    /// Requests the start of a cycle, in the form in which a front submits it. The loop receives it as `Begin` or
+    /// `Unprepared`.
     Start(StartRequest),
-    /// A cycle; its files have been read.
+    /// Begins a cycle whose files have been read.
     Begin(Box<PreparedCycle>),
     /// A start that was refused when the cycle's files were read. The loop only records it.
     Unprepared {
@@ -57,27 +58,27 @@ pub enum RequestKind {
         /// Why the cycle cannot begin.
         reasons: Vec<Reason>,
     },
-    /// To record that a new disc was mounted. Possible while the cell is at rest.
+    /// Records that a new disc was mounted. Possible while the cell is at rest.
     NewDisc,
     /// A request on which the table of the cycle decides.
     Table(cycle::Request),
-    /// A person's decision for the table, based on the state at this step of the table ([`cycle::State::step`]).
+    /// A person's decision for the state table, based on the state at this step of the table ([`cycle::State::step`]).
     Decided {
         /// The request: accept, unhold or clear.
         request: cycle::Request,
         /// The step.
         step: u64,
     },
-    /// A decision that was based on another step than the present one. The loop only records it.
+    /// A decision that was based on a step other than the present one. The loop only records it.
     Outdated {
         /// What was requested.
         request: cycle::Request,
         /// What changed since.
         reasons: Vec<Reason>,
     },
-    /// To take pictures with the cell's cameras, while the cell rests without a cycle.
+    /// Requests pictures from the cell's cameras, while the cell rests without a cycle.
     Shoot(ShotRequest),
-    /// To end the program, if the cell is at rest.
+    /// Ends the program, if the cell is at rest.
     Leave,
 }
 
@@ -114,7 +115,7 @@ impl RequestKind {
         }
     }
 
-    /// Whether the request must reach the loop before all other waiting requests.
+    /// Returns whether the request must reach the loop before all other waiting requests.
     pub(super) fn is_urgent(&self) -> bool {
         matches!(self, RequestKind::Leave | RequestKind::Table(cycle::Request::Stop | cycle::Request::Abort))
     }
@@ -135,8 +136,8 @@ pub struct StartRequest {
     /// The part in the cell, with its work order and operator.
     #[serde(default)]
     pub part: Option<PartNames>,
-    /// A person states that the part in the fixture is not the part of the earlier cycles: abrasions count from
-    /// zero.
+    /// Whether a person states that the part in the fixture is not the part of the earlier cycles: abrasions are then
+    /// counted from zero.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub another_part: bool,
     /// Whether the text may differ from the text in the recipes' folder. The front decides this by the person's

@@ -1,9 +1,9 @@
 //! Processing of requests in the service: passes them to the loop, answers the clients that wait, and reports the
 //! state of the cell to systemd.
 //!
-//! The loop calls it in every iteration. It then also asks the supervisor about the other threads, so that the sign
-//! to systemd (`WATCHDOG=1`) proves that all of them work. SIGTERM or SIGINT stops the cell, a second one aborts;
-//! the service ends from Stopped or Aborted only.
+//! The loop calls the handler in every iteration. The handler then also asks the supervisor about the other threads,
+//! so that the life sign to systemd (`WATCHDOG=1`) proves that all of them work. SIGTERM or SIGINT stops the cell, a
+//! second one aborts; the service ends from Stopped or Aborted only.
 
 use super::camera_lease::SharedCameras;
 use super::operator_texts;
@@ -30,7 +30,7 @@ use tokio::sync::oneshot;
 pub struct EndedCycle {
     /// Which.
     pub id: CycleId,
-    /// Its recording, which may still be written.
+    /// The recording of the cycle, which may still be being written.
     pub recording: Option<Recording>,
 }
 
@@ -59,8 +59,8 @@ fn phase(at: At) -> Option<Phase> {
     }
 }
 
-/// Number of signs that a working loop gives systemd within the time of its watchdog: if one is late, more than
-/// half of this time is left.
+/// Number of life signs that a working loop sends to systemd within the watchdog time: if one is late, more than half
+/// of this time is left.
 const WATCHDOG_SIGNALS: u32 = 4;
 /// How long the loop waits for a request while the cell rests.
 const IDLE_WAIT: Duration = Duration::from_millis(20);
@@ -121,8 +121,8 @@ pub struct RequestHandler {
 }
 
 impl RequestHandler {
-    /// Handles the requests of this queue. `left` is the cycle that an earlier process did not end. Reports to
-    /// systemd that the loop works, as long as the supervisor finds that all threads work.
+    /// Creates the handler for the requests of this queue. `left` is the cycle that an earlier process did not end.
+    /// The handler reports to systemd that the loop works, as long as the supervisor finds that all threads work.
     pub fn new(queue: RequestQueue, left: Option<CycleId>, parts: ServiceParts) -> Self {
         let (sign, _) = supervised("loop", Duration::MAX);
         let watchdog = sd_notify::watchdog_enabled().map(|allowed| (allowed / WATCHDOG_SIGNALS, Instant::now()));
@@ -264,7 +264,7 @@ impl RequestHandler {
         self.steps.push_back((state.step, operator_texts::shown(state)));
     }
 
-    /// Hands over a request on which the loop is to act.
+    /// Prepares a request that is passed to the loop.
     fn hand_over(&mut self, mut request: Request) -> Request {
         self.waiting = request.reply.take();
         self.waits_for_reset = matches!(request.what, RequestKind::Table(cycle::Request::Reset));
@@ -279,7 +279,7 @@ impl RequestHandler {
             }
             RequestKind::Begin(prepared) => {
                 let setup = &prepared.setup;
-                // The table may refuse the start while another cycle runs.
+                // The data are only noted here: the state table may refuse the start while another cycle runs.
                 self.ordered = Some(Ordered {
                     panel: setup.panel_name().to_owned(),
                     grids: setup.panel.grids.iter().map(|grid| grid.id).collect(),
@@ -344,7 +344,7 @@ impl RequestHandler {
             return Ok(Some(request));
         }
         let mut patience = if state.at.rests() { IDLE_WAIT } else { Duration::ZERO };
-        // All requests for the state are answered in one iteration: they use no turns of other requests.
+        // All requests for the state are answered in one iteration, so that they do not delay other requests.
         for _ in 0..MAX_STATE_REQUESTS {
             let Some(request) = self.queue.next(patience) else { break };
             match request.what {

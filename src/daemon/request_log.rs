@@ -1,4 +1,4 @@
-//! Requests on the record: the request, its author, and its result.
+//! Records requests: the request, its author, and its result.
 
 use super::ports::{LoopEvent, RecordCommand, RobotPort};
 use super::running::Running;

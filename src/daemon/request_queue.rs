@@ -1,12 +1,11 @@
-//! Requests on their way to the loop, in the order of their urgency.
+//! The queue of requests to the loop, in the order of their urgency.
 //!
-//! A stop, an abort and a signal go before everything else and always find a place. Of the other requests, only a
-//! few of each user wait at one time, so that a client that sends requests without end cannot use the other
-//! clients' turns.
+//! A stop, an abort and a signal go before everything else and are always accepted. Of the other requests, only a few
+//! of each user wait at one time, so that a client that sends requests continuously cannot block the other clients.
 //!
-//! An urgent request is sent on the wire when it is put in: the abort frame waits neither for the loop nor for a
-//! disk on which the loop waits. The loop then finds the request, writes it to the journal and does everything else
-//! that belongs to a stop.
+//! An urgent request is also sent to the robot directly when it enters the queue: the abort frame waits neither for
+//! the loop nor for a disk on which the loop waits. The loop then finds the request, writes it to the journal and does
+//! everything else that belongs to a stop.
 
 use super::reply::Reply;
 use super::request::{Request, RequestKind};
@@ -21,11 +20,11 @@ use tokio::sync::oneshot;
 const MAX_QUEUED_PER_USER: usize = 8;
 const MAX_QUEUED: usize = 32;
 
-/// The end of the queue at which requests are put in, from any thread.
+/// The sending end of the queue; any thread may use it.
 #[derive(Debug, Clone)]
 pub struct RequestSender(Arc<Shared>);
 
-/// The end at which the loop takes requests out. Once it is dropped, no more requests are accepted.
+/// The receiving end of the queue, for the loop. After it is dropped, no more requests are accepted.
 #[derive(Debug)]
 pub struct RequestQueue(Arc<Shared>);
 
@@ -38,7 +37,7 @@ struct Shared {
 
 #[derive(Debug, Default)]
 struct Inside {
-    /// Each with the other clients that wait for the same stop or abort.
+    /// The urgent requests, each with the other clients that wait for the reply to the same stop or abort.
     urgent: VecDeque<(Request, Followers)>,
     others: VecDeque<Request>,
     /// The other clients that wait for the reply to the urgent request that was taken last.
@@ -50,9 +49,9 @@ struct Inside {
 type Followers = Vec<oneshot::Sender<Reply>>;
 
 impl Inside {
-    /// Adds an urgent request. The same stop or abort of the same person is one request, however often it is
-    /// pressed: a person who presses without end must not keep all others out. Signals are not merged, because they
-    /// are counted.
+    /// Adds an urgent request. The same stop or abort by the same person is one request, however many times it is
+    /// sent: continuous requests of one person must not block the others. Signals are not merged, because they are
+    /// counted.
     fn put_urgent(&mut self, request: Request) {
         let is_same = |(waiting, _): &&mut (Request, Followers)| match (&waiting.what, &request.what) {
             (RequestKind::Table(one), RequestKind::Table(other)) => one == other && waiting.who == request.who,
@@ -70,7 +69,7 @@ impl Inside {
         Some(request)
     }
 
-    /// Returns the next of the other requests for which a client waits, or which never needed a reply.
+    /// Returns the next non-urgent request whose client still waits, or that never needed a reply.
     fn waited_for(&mut self) -> Option<Request> {
         loop {
             let request = self.others.pop_front()?;
@@ -115,7 +114,7 @@ impl Shared {
 }
 
 impl RequestSender {
-    /// Puts a request in its place.
+    /// Adds a request to the queue according to its urgency.
     ///
     /// # Errors
     /// If the loop has ended or too many requests wait.
@@ -137,8 +136,8 @@ impl RequestSender {
             inside.others.push_back(request);
         }
         drop(inside);
-        // The request is already in the queue when the robot's answer to the frame comes, so that the loop knows
-        // the cause of the stop.
+        // The request must be in the queue before the robot's answer to the frame arrives, so that the loop knows the
+        // cause of the stop.
         if let Some(line) = self.0.stop_line.get().filter(|_| is_urgent) {
             line.stop();
         }

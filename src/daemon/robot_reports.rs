@@ -43,7 +43,7 @@ impl Running<'_> {
                 self.answer_if(|act| matches!(act, Action::OpenEpoch { .. }), Answer::Failed(Trouble::Protocol));
             }
             R::Progress { done } => self.executed(done)?,
-            // The state reports that the robot is at rest there.
+            // The end is handled when the state reports that the robot is at rest there.
             R::PathDone { .. } => {}
             R::Standstill { done } => self.stood_still(done),
             R::Refused { refusal, id } => {
@@ -121,7 +121,7 @@ impl Running<'_> {
         Ok(())
     }
 
-    /// Names, for a switch whose deadline is over, the feedback that was missing.
+    /// Records, for an act on a switch whose deadline has passed, which feedback was missing.
     pub(super) fn name_unproven(&mut self, over: Report) -> Result<(), DaemonError> {
         let Report::Deadline { id: over, which: Deadline::Answer } = over else { return Ok(()) };
         let switch = self.pending.as_ref().filter(|pending| pending.id == over).map(|pending| pending.act);
@@ -153,7 +153,7 @@ impl Running<'_> {
         Ok(())
     }
 
-    /// Records the measured position of the tool on a contact path, and leaves the path if the position is far from
+    /// Records the measured position of the tool on a contact path, and aborts the path if the position is far from
     /// the plan.
     fn follow(&mut self, state: &eki::State) -> Result<(), DaemonError> {
         let contact = |pending: &PendingAction| match (pending.act, &pending.waits) {
@@ -174,8 +174,8 @@ impl Running<'_> {
         Ok(())
     }
 
-    /// Returns the measured distance of the tip from the planned path, and its limit, mm, if the distance is
-    /// larger. Smaller excesses are left to the grade of the whole path.
+    /// Returns the measured distance of the TCP from the planned path, and its limit, mm, if the distance exceeds the
+    /// limit. Smaller deviations are judged with the whole path.
     fn far_off_path(&self, sent: SentPath, done: u32, state: &eki::State) -> Option<(f64, f64)> {
         let cycle = self.setup()?;
         let allowed_mm = FAR_OFF_LIMITS * off_limit_mm(cycle.recipe.path());

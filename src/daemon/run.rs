@@ -25,7 +25,7 @@ use crate::verdict::{Reason, Verdict};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// For each person, the shortest time between two recorded stops or aborts that change nothing.
+/// Shortest time between two recorded stops or aborts that change nothing, for each person.
 const MIN_REFUSAL_INTERVAL: Duration = Duration::from_secs(1);
 
 /// The ports to which the loop is connected.
@@ -63,7 +63,7 @@ pub struct LoopOutcome {
     pub state: State,
     /// The last verdict, if a cycle ran.
     pub verdict: Option<Verdict>,
-    /// The place of the panel.
+    /// The pose of the panel.
     pub base_from_panel: Option<Rigid<Base, Panel>>,
     /// The inspections of the water film, in order.
     pub inspections: Vec<Arc<Inspection>>,
@@ -71,8 +71,8 @@ pub struct LoopOutcome {
     pub passes: Vec<(GridId, usize)>,
 }
 
-/// Runs the loop until a request to leave comes in a state of rest. A service, a single cycle and a replay are this
-/// same loop on other ports.
+/// Runs the loop until a request to leave arrives in a state of rest. A service, a single cycle and a replay use this
+/// same loop with different ports.
 ///
 /// # Errors
 /// If the record cannot be written, or a thread of the program failed: the robot is commanded to stop, and nothing
@@ -174,8 +174,9 @@ impl Running<'_> {
         Ok(())
     }
 
-    /// Checks whether this is a stop or an abort that changes nothing, and the same person's last one was refused
-    /// and recorded just now. Anyone may request one at any time, and each line of the record uses the disk.
+    /// Returns the refusal if this is a stop or an abort that changes nothing, and the same request of the same person
+    /// was refused and recorded just before. Stop and abort may be requested at any time, and each line of the record
+    /// uses the disk.
     fn refused_just_now(&mut self, event: Event) -> Option<(cycle::Request, Refusal)> {
         let Event::Asked(request @ (cycle::Request::Stop | cycle::Request::Abort)) = event else { return None };
         let (_, effects) = step(self.state, event);
@@ -238,7 +239,7 @@ impl Running<'_> {
             let computes =
                 self.pending.as_ref().is_some_and(|pending| matches!(pending.waits, Condition::Computing));
             if computes && self.lock_step {
-                // Time does not pass here, so that the speed of the computer cannot matter.
+                // Virtual time does not pass here, so that the speed of the computer has no influence.
                 self.comes_in(COMPUTATION_POLL_TIMEOUT)?;
                 continue;
             }
@@ -310,8 +311,8 @@ impl Running<'_> {
         Ok(true)
     }
 
-    /// Accepts a prepared cycle and asks the table to begin it. If the table refuses, or the record cannot begin,
-    /// nothing is changed.
+    /// Accepts a prepared cycle and submits its start to the state table. If the state table refuses, or the record
+    /// cannot begin, nothing is changed.
     fn begin_cycle(&mut self, prepared: PreparedCycle) -> Option<Event> {
         // The step is tried first: a cycle that the table refuses must not have a row in the record.
         let event = Event::Asked(prepared.request);
@@ -350,15 +351,16 @@ impl Running<'_> {
             Effect::OpenIntent(motion) => self.open_intent(&motion)?,
             Effect::CloseIntent { motion, outcome, done } => self.close_intent(&motion, outcome, done)?,
             Effect::Conclude { verdict } => {
-                // A cycle that an earlier process left is concluded before this process's clock gives a time.
+                // A cycle that an earlier process left unfinished is concluded before the clock of this process is
+                // known.
                 if self.condition != cycle::Robot::Unknown {
                     self.keep_clock()?;
                 }
                 let because = operator_texts::ended(event, self.state.at).filter(|_| verdict == Verdict::Aborted);
                 let kept = self.ports.record.conclude(verdict, because.into_iter().collect())?;
                 if kept != verdict {
-                    // Only a fault of the program leads here, because the table ends no cycle with a better verdict
-                    // than its findings. The worse verdict is used, on the safe side.
+                    // Only a program error leads here, because the state table ends no cycle with a better verdict
+                    // than its findings. The worse verdict is used, to be on the safe side.
                     tracing::error!(
                         table = verdict.word(),
                         record = kept.word(),

@@ -58,15 +58,15 @@ pub(super) struct Running<'p> {
     pub pressing: PressState,
     pub pending: Option<PendingAction>,
     pub sent: Option<SentPath>,
-    /// The last place of the panel in the earlier cycles, as far as it is known.
+    /// The last known pose of the panel in the earlier cycles.
     pub last_place: Option<KukaPose>,
     /// The axes at the end of the last path. `None` after a stop, an abort, a lost robot or a start of the program,
     /// and during a motion.
     pub stood: Option<Joints>,
     /// Remarks for the record on the last accepted start.
     pub remarks: Vec<Reason>,
-    /// Executed waypoints of the path whose epoch was ended last, kept until the next motion: an answer that
-    /// reports them may be dropped in favour of another.
+    /// Executed waypoints of the path whose epoch was ended last. They are retained until the next motion, because the
+    /// answer that reports them may be dropped in favour of another one.
     pub left_at: u32,
     pub robot_state: Option<eki::State>,
     pub condition: cycle::Robot,
@@ -81,7 +81,7 @@ pub(super) struct Running<'p> {
     pub control: Control,
     /// The cell has warned of motion since it last rested.
     pub has_warned: bool,
-    /// The disk was found full, and has not been found otherwise since.
+    /// Whether the disk was full at the last check.
     pub is_disk_full: bool,
     /// The loop has taken a request, and the robot has not been read since.
     pub has_taken_up: bool,

@@ -28,13 +28,13 @@ pub struct Calibrations {
     pub flange_camera: PinholeCamera,
     /// How the camera is mounted on the flange.
     pub flange_from_camera: Rigid<Flange, FlangeCamera>,
-    /// Pose of the sanding tool's contact.
+    /// The pose of the contact point of the sanding tool.
     pub flange_from_tool: Rigid<Flange, Tool>,
-    /// Error of both camera mounts at the panel, mm, 95 %, if their files state it.
+    /// Uncertainty of the hand-eye calibrations of both cameras at the panel, mm, 95 %, if their files state it.
     pub hand_eye_mm: Option<f64>,
-    /// Error of robot and tool, mm, 95 %, if the tool was touched against known points.
+    /// Uncertainty of robot and tool, mm, 95 %, if the tool was touched against known points.
     pub robot_mm: Option<f64>,
-    /// The removal by the disc, if it is calibrated.
+    /// The removal model of the disc, if it is calibrated.
     pub removal: Option<Model>,
 }
 
@@ -47,7 +47,7 @@ pub struct CellSetup {
     pub arm: Arm,
     /// Outputs and feedbacks.
     pub wiring: Wiring,
-    /// The bit of `In` in the state message that reads the selector switch; it is on at local.
+    /// The bit of `In` in the state message that reads the selector switch; it is on in the position local.
     pub control_bit: Option<u32>,
     /// The output that warns before the first motion, with its bit of the state message's `Out`.
     pub warning_output: Option<(u16, u32)>,
@@ -65,7 +65,7 @@ impl CellSetup {
     /// Reads the values that the cell's file states.
     ///
     /// # Errors
-    /// If the cell does not name what a cycle needs.
+    /// If the cell's file does not name everything that a cycle needs.
     pub fn new(cell: &Cell) -> Result<Self, DaemonError> {
         cell.limits().workspace().ok_or(DaemonError::NotStated { key: "limits.box_min_mm" })?;
         Ok(CellSetup {
@@ -96,23 +96,24 @@ pub struct CycleSetup {
     /// What was taught.
     pub panel: TaughtPanel,
     taught_model: Arc<OnceLock<Result<TaughtModel, LocateError>>>,
-    /// Its corners; the corner loop uses the first ones whose moves pass the gate.
+    /// The taught corners of the panel; the corner loop uses the first ones whose moves pass the gate.
     pub corners: Vec<TaughtCorner>,
     /// The calibrations.
     pub calibrations: Calibrations,
-    /// The area of its picture in which the flange camera's lens is known.
+    /// The area of the picture in which the flange camera's lens is calibrated.
     pub lens: LensExtent,
     /// What earlier cycles removed from this part.
     pub removed_before: RemovedBefore,
 }
 
 impl CycleSetup {
-    /// Joins the cell, the recipe, the taught panel with its corners, and the calibrations with the known extent of
+    /// Joins the cell, the recipe, the taught panel with its corners, and the calibrations with the calibrated area of
     /// the flange camera's lens.
     ///
     /// # Errors
-    /// If no corner was taught, or one was taught at a place where the lens is not known: the camera views it there
-    /// again. If the recipe states a force and the tool has none, or the other way round.
+    /// If no corner was taught, or one was taught in an area of the picture in which the lens is not calibrated: the
+    /// camera views the corner there again. If the recipe states a force and the tool has none, or the other way
+    /// round.
     pub fn new(
         cell: Arc<CellSetup>,
         recipe: Recipe,
@@ -132,7 +133,7 @@ impl CycleSetup {
         Ok(CycleSetup { cell, recipe, panel, taught_model, corners, calibrations, lens, removed_before })
     }
 
-    /// Returns the same for a part from which earlier cycles removed this amount.
+    /// Returns the same setup for a part from which earlier cycles removed this amount.
     #[must_use]
     pub fn after(self, removed_before: RemovedBefore) -> Self {
         CycleSetup { removed_before, ..self }

@@ -70,7 +70,7 @@ pub trait SetupSource: Send + Sync {
     /// If the folder cannot be read, in words.
     fn recipes(&self) -> Result<Vec<String>, String>;
 
-    /// Returns one of them.
+    /// Returns one of these recipes.
     ///
     /// # Errors
     /// If there is no such recipe or it cannot be read, in words.

@@ -1,10 +1,10 @@
 //! One function of the robot at a time, for commissioning: `panelprep robot …`.
 //!
-//! Each function runs in an epoch of its own, which ends with the function: the controller then switches the tool
-//! off, and base and tool are unknown again. A whole line is checked by the same gate as the cycle's paths. Motions
-//! and outputs must satisfy the cycle's own list of interlocks (`single_interlocks`). Unlike a cycle's motions,
-//! these may run in T1, with a person at the enabling switch. They are not in the journal: nothing follows from
-//! them, and a controller that loses its client stops by itself.
+//! Each function runs in an epoch of its own, which ends with the function: the controller then switches the tool off,
+//! and base and tool are unknown again. A linear motion is checked as a whole by the same gate as the cycle's paths.
+//! Motions and outputs must satisfy the cycle's own list of interlocks (`single_interlocks`). Unlike a cycle's
+//! motions, these may run in T1, with a person at the enabling switch. These functions are not in the journal: no
+//! later act depends on them, and a controller that loses its client stops by itself.
 
 use super::corrected::CalibratedRobot;
 use super::moves::{self, move_lin};
@@ -23,10 +23,10 @@ use crate::supervision::ThreadFault;
 use crate::verdict::{Judgement, Reason, Verdict};
 use std::time::{Duration, Instant};
 
-/// Time limit for a controller to answer at all, by the wall clock: it may still be closing the connection of the
+/// Time limit for the first answer of a controller, by the wall clock: it may still be closing the connection of the
 /// previous client.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(4);
-/// Time limits for a switch, a frame or a subroutine, and for a way through air, by the robot's clock.
+/// Time limits for a switch, a frame or a subroutine, and for a motion through the air, by the robot's clock.
 const COMMAND_TIMEOUT: Duration = Duration::from_secs(30);
 const MOTION_TIMEOUT: Duration = Duration::from_secs(300);
 /// Time limit for the next state, by the robot's clock.
@@ -48,7 +48,7 @@ pub enum SingleError {
     /// The command cannot be sent.
     #[error(transparent)]
     Queue(#[from] QueueError),
-    /// The gate refuses it.
+    /// The gate refuses the function.
     #[error("the gate refuses: {}", words(.0))]
     Gate(Judgement),
     /// The robot did not execute the function.
@@ -57,7 +57,7 @@ pub enum SingleError {
     /// The link was lost during the function.
     #[error("the link to the controller was lost: {0}; the controller stops by itself")]
     LinkLost(LinkLoss),
-    /// It exceeds its time limit.
+    /// The function exceeds its time limit.
     #[error("not done after {} s of the robot's time; it was commanded to stop", .0.as_secs())]
     Late(Duration),
 }
@@ -66,16 +66,16 @@ fn words(judgement: &Judgement) -> String {
     judgement.reasons.iter().map(|reason| reason.message.as_str()).collect::<Vec<_>>().join("; ")
 }
 
-/// A straight line, with its own base and tool.
+/// A linear motion, with its own base and tool.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Line {
-    /// The target of the tip, in `base`.
+    /// The target pose of the TCP, in `base`.
     pub to: KukaPose,
     /// The base frame (`$BASE`), given in the robot's world frame.
     pub base: KukaPose,
     /// The tool.
     pub tool: SetTcp,
-    /// Speed of the tip, mm/s.
+    /// Speed of the TCP, mm/s.
     pub speed_mm_s: f64,
 }
 
@@ -84,11 +84,11 @@ pub struct Line {
 pub struct Mounted {
     /// The name of the mounted thing, such as the sanding tool.
     pub name: &'static str,
-    /// The pose of its end.
+    /// The pose of the tip of the mounted item.
     pub flange_from_tip: Rigid<Flange, Tool>,
 }
 
-/// A robot that answers.
+/// A connected robot, for single functions.
 pub struct Single<'r> {
     robot: CalibratedRobot<'r>,
     state: State,
@@ -122,24 +122,24 @@ impl<'r> Single<'r> {
         Single { mounted, ..self }
     }
 
-    /// Checks whether the arm is the one of the cell's file: its tip must be where the axes put it.
+    /// Checks whether the arm is the one of the cell's file: the reported TCP pose must agree with the one calculated
+    /// from the axes.
     ///
     /// # Errors
-    /// If it is not, with the distance between the two.
+    /// If it does not, with the distance between the two.
     pub fn is_the_cells_arm(&self, cell: &Cell) -> Result<(), Reason> {
         let state = &self.state;
         let tip = state.active_base.to_rigid::<Base, Base>() * state.base_from_tcp.to_rigid::<Base, Tool>();
         routes::is_the_arm(&Kinematics::new(cell.arm()), &state.joints, state.flange_from_tool.to_rigid(), tip)
     }
 
-    /// Returns the last state that the controller reported; if the arm has a correction, with the true position of
-    /// the tip.
+    /// Returns the last state that the controller reported; if the arm has a correction, with the true TCP pose.
     pub fn state(&self) -> &State {
         &self.state
     }
 
-    /// Returns the tip as the controller reports it, in the active base, if the arm has a correction and the two
-    /// therefore differ.
+    /// Returns the TCP pose as the controller reports it, in the active base, if the arm has a correction: the
+    /// reported pose then differs from the true one.
     pub fn reported_tcp(&self) -> Option<KukaPose> {
         self.robot.reported_tcp()
     }
@@ -160,7 +160,7 @@ impl<'r> Single<'r> {
         self.executed(id, COMMAND_TIMEOUT)
     }
 
-    /// Calls a subroutine of the controller. It may move, and has the gates of a motion.
+    /// Calls a subroutine of the controller. The subroutine may move the arm, so it has the gates of a motion.
     ///
     /// # Errors
     /// As [`Single::set`], and if the gate refuses.
@@ -194,7 +194,7 @@ impl<'r> Single<'r> {
         self.executed(id, MOTION_TIMEOUT)
     }
 
-    /// Moves the tip in a straight line.
+    /// Moves the TCP linearly.
     ///
     /// # Errors
     /// As [`Single::move_joints`].
@@ -213,7 +213,7 @@ impl<'r> Single<'r> {
         // by that.
         let id = self.send(Command::SetTcp(line.tool))?;
         self.executed(id, COMMAND_TIMEOUT)?;
-        // From the position of the tip that the controller, with these frames, reports.
+        // The motion starts from the TCP pose that the controller reports with these frames.
         let from: Rigid<Base, Tool> = self.state.base_from_tcp.to_rigid();
         let standing = StartState {
             limits,
@@ -234,7 +234,8 @@ impl<'r> Single<'r> {
             routes::mounted_follows(&standing, line.base.to_rigid(), &gated.points, *flange_from_tip)
                 .map_err(|met| gate(Reason { message: format!("with {name}: {}", met.message), ..met }))?;
         }
-        // Named as the motion to the first corner; it needs what every straight motion through the air needs.
+        // The interlocks are those of the motion to the first corner, which are common to all linear motions through
+        // the air.
         self.held_to_interlocks("a straight motion", single_interlocks::motion(Path::Corner { view: 0 }), cell)?;
         self.send(Command::SetAccSpeed(moves::speeds(gated.speed)))?;
         let sent = self.robot.send_path(move_lin(&gated.points), None);
@@ -242,7 +243,7 @@ impl<'r> Single<'r> {
         self.executed(id, MOTION_TIMEOUT)
     }
 
-    /// Sets an output, and waits for the time that this epoch is to keep it.
+    /// Sets an output, and leaves this epoch open for the given time, so that the output stays set.
     ///
     /// # Errors
     /// As [`Single::set`], and if an interlock is open.
@@ -261,7 +262,7 @@ impl<'r> Single<'r> {
         Ok(())
     }
 
-    /// Checks the cycle's conditions for this act against the present feedbacks, not those at the start of the
+    /// Checks the cycle's interlocks for this act against a new state of the robot, not the state at the start of the
     /// epoch.
     fn held_to_interlocks(&mut self, name: &str, act: Action, cell: &Cell) -> Result<(), SingleError> {
         // A fresh state: a guard that opened a moment ago is not in the one that is in memory.
@@ -363,7 +364,8 @@ impl<'r> Single<'r> {
         SingleError::Queue(error)
     }
 
-    /// The robot did not do it for this reason. Its next report about itself is read first, so that it is shown.
+    /// Returns the error for a function that the robot did not execute for this reason. The robot's next state is read
+    /// first, so that the error is shown together with this state.
     fn stopped(&mut self, why: String) -> SingleError {
         let (before, until) = (self.state.sequence, self.robot.now() + STATE_TIMEOUT);
         while self.state.sequence == before && self.robot.now() < until {
@@ -452,8 +454,8 @@ mod tests {
         }
     }
 
-    /// A tip that is 205 mm farther out, another root of the robot, and axes in radians do not belong to the cell's
-    /// arm. Neither a motion of the axes nor a subroutine begins.
+    /// A TCP that is 205 mm farther out, another robot root, and axes in radians do not belong to the cell's arm.
+    /// Neither a motion of the axes nor a subroutine is started.
     #[test]
     fn another_arm_than_the_cells_does_not_move() {
         let cell = Cell::check("cell.toml", "").expect("good");

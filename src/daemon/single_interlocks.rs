@@ -1,8 +1,9 @@
-//! The interlocks of single functions: the cycle's own list, compared with the controller's present reports.
+//! The interlocks of single functions: the cycle's own list of interlocks, checked against the controller's present
+//! reports.
 //!
-//! A single function has less information than a cycle: no drain time, no approach point, no localization. A
-//! condition that is not known counts as not satisfied. So the tool's output is switched on by a cycle alone, and
-//! water only while the arm is at the pose `park`.
+//! A single function has less information than a cycle: no drain time, no approach point, no localization. A condition
+//! that is not known counts as not satisfied. So only a cycle can switch on the tool's output, and water can be
+//! switched on only while the arm is at the pose `park`.
 
 use super::wiring::{RINSE, Reading, Wiring};
 use crate::cell::{Cell, Feedback, Output};
@@ -35,15 +36,15 @@ pub(super) fn motion(path: Path) -> Action {
     Action::Move(Motion { epoch: 0, path, plan: 0, waypoints: 1 })
 }
 
-/// Rejects if an interlock of the act is open; `name` is the function that the person requested.
+/// Returns a rejection if an interlock of the act is open; `name` is the function that the person requested.
 pub(super) fn judge(name: &str, act: Action, state: &State, cell: &Cell) -> Judgement {
     let open = open_interlocks(act, &facts(state, cell));
     let reason = |need: &&str| Reason::new("interlock", format!("{name} needs {need}"));
     Judgement::new(open.iter().map(reason).collect(), vec![])
 }
 
-/// Returns the facts that a single function has about the cell: its epoch is open, and base and tool were echoed in
-/// it.
+/// Returns the facts that a single function has about the cell: its epoch is open, and base and tool were confirmed in
+/// this epoch.
 fn facts(state: &State, cell: &Cell) -> Facts {
     let io = cell.io();
     let wiring = Wiring::as_far_as(io);
@@ -62,7 +63,7 @@ fn facts(state: &State, cell: &Cell) -> Facts {
         },
         water: match reading((Switch::Spray, Switch::WaterOff), (Feedback::WaterOff, false)) {
             Reading::NotThere => Water::Drained,
-            // It is not known since when the water has been off.
+            // The time at which the water was switched off is not known.
             Reading::Is(false) => Water::Draining { until: Id(0) },
             Reading::Is(true) | Reading::Open => Water::Unknown,
         },

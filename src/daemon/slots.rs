@@ -1,14 +1,13 @@
 //! Slots for connections that wait for a peer: the service's socket and the pages assign them.
 //!
-//! There are enough for people and programs that mean well. If no slot is free, a new connection is still never
-//! refused. The user, or the address, with the most slots must then give up one: that of its connection that has
-//! been silent for longest. A client that requests a stop writes its line at once, so it is read before it has to
-//! give way.
+//! There are enough slots for normal use. If no slot is free, a new connection is still never refused. The user, or
+//! the address, with the most slots must then give one up: that of its connection that has been silent for longest. A
+//! client that requests a stop writes its line at once, so the line is read before its connection is closed.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::oneshot;
 
-/// Largest number of connections that are read at one time: of one owner, and of all together.
+/// Largest number of connections that are read at one time: of one owner, and in total.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Most {
     /// Connections of one user or one address.
@@ -115,7 +114,7 @@ impl<Of> Slot<Of> {
 }
 
 impl<Of> ActivityHandle<Of> {
-    /// Marks the connection as heard just now: it becomes the last one that must give way.
+    /// Marks the connection as active just now: it becomes the last one that must give way.
     pub fn now(&self) {
         let mut inside = self.slots.lock();
         if let Some(at) = inside.taken.iter().position(|taken| taken.number == self.number) {

@@ -3,11 +3,11 @@
 //! The file's mode decides who may connect: its owner and group (0660). A socket that a killed service left is
 //! replaced if no service answers on it; any other file is not touched.
 //!
-//! A client may be slow, silent or endless, by a fault or on purpose, and a stop must come through in every case.
-//! One thread reads all connections at once and never waits for one of them. Each connection has one deadline for
-//! its whole line. If no slot is free, the connection that has been silent for longest gives up its own (`slots`).
-//! Only a start may be a long line. Each line that was read goes to the `gateway`, which queues it by its urgency
-//! and reads recipes on a thread of their own.
+//! A client may be slow or silent, or send data without end, by a fault or on purpose; a stop must be executed in
+//! every case. One thread reads all connections at once and never waits for one of them. Each connection has one
+//! deadline for its whole line. If no slot is free, the connection that has been silent for longest gives up its own
+//! (`slots`). Only a start may be a long line. Each line that was read goes to the `gateway`, which queues it by its
+//! urgency and reads recipes on a thread of their own.
 
 mod role;
 
@@ -37,16 +37,16 @@ use tokio::time::{interval, sleep, timeout};
 
 /// Owner and group may send requests.
 const MODE: u32 = 0o660;
-/// Time limit for a client to send its whole line, and the same again to receive its answer.
+/// Time limit for a client to send its whole line, and separately to receive its answer.
 const CLIENT_TIMEOUT: Duration = Duration::from_secs(2);
 /// Largest number of connections of one user, and of all, that are read at one time.
 const SLOTS: Most = Most { of_one: 64, of_all: 256 };
 /// How long a connection that must give way is still read.
 const DRAIN_TIMEOUT: Duration = Duration::from_millis(50);
-/// Interval at which the socket's thread reports that it works, and its longest permitted silence.
+/// Interval at which the socket's thread reports that it works, and the longest permitted time without such a report.
 const HEARTBEAT_INTERVAL: Duration = Duration::from_millis(250);
 const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(4);
-/// Recipes that are read at one time: one, and one more thread that reports that a recipe is being read.
+/// Number of threads that read recipes: one reads, and one more reports that a recipe is being read.
 const READERS: usize = 2;
 /// The nice value of the socket's thread, which gives it priority over other work of the machine: it has little to
 /// do, and its input may be a stop.
@@ -86,11 +86,11 @@ pub struct Socket {
 }
 
 impl Socket {
-    /// Listens, and passes the requests to the gateway. The supervisor watches its thread. Users who have access
-    /// through the socket's group have this role; without a role they may request everything.
+    /// Listens on the socket, and passes the requests to the gateway. The supervisor watches the socket's thread.
+    /// Users who have access through the socket's group have this role; without a role they may request everything.
     ///
     /// # Errors
-    /// If a service already answers on this socket, the file is another, or the system refuses.
+    /// If a service already answers on this socket, the file is not a socket, or the system refuses.
     pub fn listen(
         path: &Path,
         role: Option<Role>,
@@ -191,7 +191,7 @@ async fn attend((stream, who): (UnixStream, Who), mut slot: Slot<Option<u32>>, g
         tokio::select! {
             biased;
             heard = timeout(CLIENT_TIMEOUT, &mut reading) => heard.unwrap_or(Err(ProtocolError::Slow)),
-            // A line that was written meanwhile is still read: a client that gives way is silent, but one that
+            // A line that is already being sent is still read: a client that gives way is silent, but a client that
             // sends a stop is not.
             () = slot.is_wanted() => timeout(DRAIN_TIMEOUT, &mut reading).await.unwrap_or(Err(ProtocolError::GaveWay)),
         }

@@ -37,8 +37,8 @@ fn a_greasy_panel_is_abraded_once_and_passes() {
     assert_eq!(story.contact_points, done as usize);
     let error = story.truth.placement_error_mm(&story.outcome.base_from_panel.expect("found"));
     assert!(error.max_mm < 1.5, "{error:?}");
-    // What a reader of the record finds: every limit is satisfied, every phase has its numbers, and the budget has
-    // its measured parts.
+    // Checks the contents of the record: every limit is satisfied, every phase has its numbers, and the budget has its
+    // measured parts.
     for number in story.findings.iter().flat_map(|finding| &finding.checks) {
         let broken = number.name.starts_with("broken film");
         assert!(broken || number.value.is_none_or(|value| number.limit.allows(value)), "{number:?}");
@@ -142,8 +142,8 @@ fn a_hold_in_contact_is_left_through_verify_and_a_new_plan() {
     assert_eq!(contact[1].1, Outcome::Done);
 }
 
-/// With the recipe's reference `wet`, the second film compares the sanded areas with their wet look alone. With
-/// `dry`, a person dries the panel after the rinse, and all of it has its own dry look again.
+/// With the recipe's reference `wet`, the second film judges the sanded areas by their wet appearance only. With
+/// `dry`, a person dries the panel after the rinse, and the whole panel has a dry reference again.
 #[test]
 fn a_new_dry_picture_is_the_reference_of_what_was_sanded() {
     let wet = Fake::new(Scene::Good).run(Asks::one_cycle());
@@ -172,8 +172,8 @@ fn a_journal_that_cannot_be_written_stops_the_robot() {
     assert!(matches!(error, DaemonError::Record(_)), "{error}");
 }
 
-/// Calculated by hand: if a panel turns by 0.2° about its first corner, this corner does not move, and one 250 mm
-/// away moves by 0.9 mm. A check of the first corner only would let the pad come down.
+/// Calculated by hand: if a panel turns by 0.2° about its first corner, this corner does not move, and a corner 250 mm
+/// away moves by 0.9 mm. With a check of the first corner only, the pad would be lowered onto the panel.
 #[test]
 fn a_panel_that_turned_meanwhile_is_found_at_its_second_corner() {
     let story = Fake::new(Scene::Good).whose_panel_turns_when_wet(0.2).run(Asks::one_cycle());
@@ -188,8 +188,8 @@ fn a_panel_that_turned_meanwhile_is_found_at_its_second_corner() {
     assert!(story.motions(Path::Contact).is_empty() && story.motions(Path::Approach).is_empty(), "{story}");
 }
 
-/// A post stands in front of the second corner: the first corner is viewed again instead, and alone gives the
-/// correction.
+/// A post is in front of the second corner: the first corner is viewed again instead, and the correction uses this
+/// corner only.
 #[test]
 fn a_corner_that_the_arm_does_not_come_to_is_left_out() {
     let mut fake = Fake::new(Scene::Clean);

@@ -1,9 +1,9 @@
-//! The compliant tool in the loop: it receives the command that the arm's position requires, and its reports may
-//! end a contact path.
+//! The compliant tool in the loop: it receives the command that the arm's position requires, and its reports may end a
+//! contact path.
 //!
-//! In each iteration of the loop the news is read and compared with the state expected at the arm's position. A
-//! deviation is recorded as a finding, the tool is held back, and the table ends the path: tool off and retract by
-//! the robot's own program.
+//! In each iteration of the loop the tool's reports are read and compared with the state expected at the arm's
+//! position. A deviation is recorded as a finding, the tool is held back, and the state table ends the path: tool off
+//! and retract by the robot's own program.
 
 use super::error::DaemonError;
 use super::pending_action::{Condition, PendingAction};
@@ -56,7 +56,7 @@ impl Running<'_> {
         Some(sent.waypoints(self.robot_state?.done) as usize)
     }
 
-    /// Returns how far the tool points down.
+    /// Returns the downward component of the tool's direction, −1…1.
     fn tool_downwards(&self) -> f64 {
         let base_from_tool = self
             .robot_state
@@ -74,8 +74,8 @@ impl Running<'_> {
         }
     }
 
-    /// Returns whether the tool lets the arm move towards the panel; if not, the act fails and the reason is
-    /// recorded.
+    /// Returns whether the tool's state permits the arm to move towards the panel; if not, the act fails and the
+    /// reason is recorded.
     pub(super) fn tool_lets_go(&mut self, id: Id, path: Path) -> Result<bool, RecordError> {
         let cell = self.cell.clone();
         let Some(tool) = cell.tool.as_ref().filter(|_| matches!(path, Path::Approach | Path::Contact)) else {

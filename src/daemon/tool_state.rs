@@ -10,12 +10,12 @@ use crate::recipe;
 use crate::verdict::Reason;
 use std::time::Duration;
 
-/// A reading that is older than the tool's deadlines by more than this time does not count: the thread of the
-/// tool's link does not work.
+/// Maximum additional age of a reading beyond the tool's deadlines; with an older reading, the thread of the tool's
+/// link is considered failed.
 const MAX_READING_DELAY: Duration = Duration::from_millis(150);
 /// Time by which the force may lag behind its set-point.
 const MAX_FORCE_LAG: Duration = Duration::from_millis(100);
-/// The tool is commanded anew once its attitude changes its share of the weight by this much, N.
+/// Change of the tool's share of the weight by its attitude, N, after which the tool is commanded again.
 const ATTITUDE_N: f64 = 0.2;
 
 /// The state of the tool's pressing.
@@ -83,7 +83,7 @@ impl PressState {
         Some(wanted)
     }
 
-    /// Processes the news; returns a lost link as a reason.
+    /// Processes a report of the tool; returns a lost link as a reason.
     pub fn on_news(&mut self, news: Option<ToolReport>, now: Time) -> Option<Reason> {
         match news? {
             ToolReport::Reading { reading, age_ms } => {
@@ -155,8 +155,8 @@ impl Contact {
             ForcePhase::Landing => self.landing_n,
             ForcePhase::Pressing => self.force_n,
         };
-        // From the air to the landing, the force changes at once, to the landing force; back to the air, it also
-        // changes at once.
+        // From the air to the landing, the force changes to the landing force without a ramp; back to the air, it also
+        // changes without a ramp.
         let was_held = self.aim == ForcePhase::HeldBack;
         let ramp_s =
             if aim == ForcePhase::HeldBack || was_held && aim == ForcePhase::Landing { 0.0 } else { self.ramp_s };

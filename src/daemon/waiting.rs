@@ -18,14 +18,14 @@ impl Waiting {
         is_new
     }
 
-    /// Records that this many wait, the oldest since then.
+    /// Records the number of waiting items, and since when the oldest has been waiting.
     pub fn is_behind(&mut self, count: u64, since_unix_ms: Option<i64>) {
         (self.count, self.since_unix_ms) = (count, since_unix_ms);
     }
 
-    /// Returns the text of the alarm if something waits for `behind_min` minutes or longer, with the cause: "3 … ;
-    /// the oldest has waited for …". `what` states what has not arrived, and at which place; `usual` is the cause if
-    /// none is known.
+    /// Returns the text of the alarm if something waits for `behind_min` minutes or longer, with the cause: "3 … ; the
+    /// oldest has waited for …". `what` names the missing data and their destination; `usual` is the cause if none is
+    /// known.
     pub fn late(&self, behind_min: usize, now_unix_ms: i64, (what, usual): (&str, &str)) -> Option<String> {
         let Waiting { problem, count, since_unix_ms } = self;
         let waits_min = since_unix_ms.map_or(0, |since| (now_unix_ms - since).max(0) / 60_000);

@@ -1,8 +1,8 @@
 //! Switches by the names of the cell's inputs and outputs.
 //!
-//! A switch is proven if the state message reports its outputs as they were set, and its feedback with the value
-//! that it must then have. The outputs alone show the state of the controller; the feedback shows the state of the
-//! valve, the fan or the tool behind it.
+//! A switch is proven if the state message reports its outputs as they were set, and its feedback with the expected
+//! value. The outputs alone show the state of the controller; the feedback shows the state of the valve, the fan or
+//! the tool behind it.
 
 use super::DaemonError;
 use crate::cell::{Feedback, InputsOutputs, Output};
@@ -22,7 +22,7 @@ struct Wire {
     opposite: Option<u32>,
 }
 
-/// The cell's outputs and feedbacks that the process uses, as far as the cell has them.
+/// The outputs and feedbacks for the process; each may be missing in a cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Wiring {
     light: Option<Wire>,
@@ -33,7 +33,7 @@ pub struct Wiring {
     tool: Option<Wire>,
 }
 
-/// The state of something that is switched on and off, from its output and its feedback together.
+/// The state of a device that is switched on and off, from its output and its feedback together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Reading {
     /// The cell has no such output, and no feedback reports that it is on.
@@ -44,17 +44,17 @@ pub(super) enum Reading {
     Is(bool),
 }
 
-/// The content that a state message has for a switch that was proven.
+/// The bits that a state message must contain for a switch to be proven.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Proof {
-    /// The bits of `Out` that belong to the switch; `outputs_on` contains those of them that are on.
+    /// The bits of `Out` that belong to the switch; `outputs_on` contains those that must be on.
     outputs: u32,
     outputs_on: u32,
     feedback: Option<(u32, bool)>,
     opposite: Option<(u32, bool)>,
 }
 
-/// The content of a state about a switch.
+/// The data in a state message about a switch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct SwitchFeedback {
     /// Whether the outputs are as they were set.
@@ -66,7 +66,7 @@ pub(super) struct SwitchFeedback {
 }
 
 impl Proof {
-    /// Returns whether the state reports the outputs as set, and the feedbacks as they read in it.
+    /// Returns what the state reports: whether the outputs are as they were set, and the values of the feedbacks.
     pub(super) fn feedback_in(&self, state: &State) -> SwitchFeedback {
         let read = |feedback: Option<(u32, bool)>| feedback.map(|(bit, _)| reads(state, bit));
         SwitchFeedback {
@@ -112,7 +112,7 @@ impl Wiring {
         Ok(wiring)
     }
 
-    /// The same as `from_io`, but only for the names that the cell has.
+    /// Does the same as `from_io`, but only for the names that the cell has.
     pub(super) fn as_far_as(io: &InputsOutputs) -> Self {
         let wire = |number: Option<u16>, output: Output| {
             let number = number?;
@@ -134,7 +134,7 @@ impl Wiring {
     }
 
     /// Returns the state of the device that these two switches control; `feedback_on` is the value of the cell's
-    /// feedback while it is on.
+    /// feedback while the device is on.
     pub(super) fn reading(
         &self,
         (on, off): (Switch, Switch),
@@ -157,15 +157,15 @@ impl Wiring {
         wires.map(|(wire, on)| Signal { number: wire.output, on }).collect()
     }
 
-    /// Returns the content of a state message once a switch is proven.
+    /// Returns the content that a state message must have to prove this switch.
     pub(super) fn proof(&self, switch: Switch) -> Proof {
         let mut proof = Proof { outputs: 0, outputs_on: 0, feedback: None, opposite: None };
         for (wire, on) in self.wires(switch).into_iter().flatten() {
             let bit = 1u32.checked_shl(wire.bit).unwrap_or(0);
             proof.outputs |= bit;
             proof.outputs_on |= if on { bit } else { 0 };
-            // The feedback of water is on when the water is off; the nozzle that is switched last determines the
-            // expected feedback.
+            // The water feedback is on when the water is off; the nozzle that is switched last determines the expected
+            // feedback.
             let is_water = [self.spray, self.rinse].into_iter().flatten().any(|water| water.output == wire.output);
             proof.feedback = wire.feedback.map(|bit| (bit, on != is_water));
             proof.opposite = wire.opposite.map(|bit| (bit, !on));
@@ -257,8 +257,8 @@ mod tests {
         assert!(!proof.is_told(&state(0b0_1000, 0b0100)), "it was another output");
     }
 
-    /// Otherwise a rinse with its own output would stay open, and its water would prove a spray valve that does not
-    /// open.
+    /// Each water output switches the other one off. Otherwise a rinse with its own output would stay open, and its
+    /// water would seem to prove a spray valve that does not open.
     #[test]
     fn each_water_switches_the_other_one_off() {
         let text = IO.replace("spray = 2", "spray = 2\nrinse = 6");
@@ -280,7 +280,8 @@ mod tests {
         assert_eq!(proof(Switch::WaterOff), both(0, true));
     }
 
-    /// An output that is on does not count as off, whatever its feedback reports, and the other way round.
+    /// An output that is on does not count as off, regardless of its feedback; and a feedback that is on does not
+    /// count as off, regardless of its output.
     #[test]
     fn off_needs_the_output_and_the_feedback() {
         let cell = Cell::check("cell.toml", IO).expect("good");
@@ -300,8 +301,8 @@ mod tests {
         }
     }
 
-    /// A broken wire of `tool_running` reads like a tool that has stopped. With `tool_stands` in addition, off is a
-    /// signal that is present.
+    /// A broken wire of `tool_running` looks like a stopped tool. With the additional feedback `tool_stands`, "off" is
+    /// proven by a signal that is present.
     #[test]
     fn the_absence_of_a_signal_proves_no_tool_off() {
         let wiring =

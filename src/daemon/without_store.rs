@@ -11,8 +11,8 @@ use std::time::Duration;
 /// Time between two attempts to open the store.
 const RETRY_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Answers each request with the reason why nothing can be done, until `attempt` succeeds; `None` if a signal ends
-/// the wait. The state in the reply is aborted: nothing moves, and the last action of the cell cannot be read.
+/// Answers each request with the reason why nothing can be done, until `attempt` succeeds; `None` if a signal ends the
+/// wait. The state in the reply is Aborted: nothing moves, and the last action of the cell cannot be read.
 pub fn wait_for<T>(queue: &RequestQueue, mut attempt: impl FnMut() -> Result<T, Reason>) -> Option<T> {
     let mut told = false;
     loop {
@@ -29,7 +29,7 @@ pub fn wait_for<T>(queue: &RequestQueue, mut attempt: impl FnMut() -> Result<T, 
         if matches!(what, RequestKind::Leave) {
             return None;
         }
-        // A request without a reply channel was answered already, and there is no store yet that could record it.
+        // A request without a reply channel was answered already, and there is no open store that could record it.
         for reply in queue.followers().into_iter().chain(reply) {
             let answer = if matches!(what, RequestKind::State) { Exit::Done } else { Exit::Fault };
             let state = Some("aborted".to_owned());

@@ -16,6 +16,6 @@ pub mod robot;
 pub mod world;
 pub mod zivid;
 
-/// The size, width and height, if the size of a camera is not known. No camera has this size, so a camera that is
+/// Width and height, px, that represent a camera whose size is not known. No camera has this size, so a camera that is
 /// opened with it refuses and reports its own size.
 pub const UNKNOWN_PX: [usize; 2] = [0, 0];

@@ -6,14 +6,14 @@ use super::schema::{Field, int};
 use serde::{Deserialize, Serialize};
 use strum::VariantArray;
 
-/// An acknowledgement. Counts are of its epoch.
+/// An acknowledgement. The counts refer to its epoch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Ack {
     /// The last command received; all commands before it were received too.
     pub received: CommandId,
     /// The last command executed.
     pub done: CommandId,
-    /// Free places in the controller's ring.
+    /// Number of free entries in the controller's ring.
     pub free: u32,
     /// The first command refused, and why.
     pub refused: Option<(CommandId, Refusal)>,
@@ -77,7 +77,7 @@ pub(super) const ACK: [Field; 6] = [
 ];
 
 impl Ack {
-    /// Creates an acknowledgement from the values of [`ACK`], which are whole and in range.
+    /// Creates an acknowledgement from the values of [`ACK`], which are in range, and integers where required.
     pub(super) fn from_values(values: &[f64]) -> Option<Self> {
         let [received, done, free, error, error_id, epoch] = *<&[f64; 6]>::try_from(values).ok()?;
         let refusal = (error as usize).checked_sub(1).and_then(|index| Refusal::IN_ORDER.get(index));

@@ -13,43 +13,43 @@ use serde::{Deserialize, Serialize};
 #[serde(rename_all = "snake_case")]
 #[strum(serialize_all = "snake_case")]
 pub enum Command {
-    /// `move_lin(pose)`: a straight line of the tool's tip.
+    /// `move_lin(pose)`: a linear motion of the TCP.
     MoveLin(MoveLin),
-    /// `move_j(joints_pose)`: each axis to its angle, all arriving together.
+    /// `move_j(joints_pose)`: moves each axis to its angle; all axes arrive at the same time.
     MoveJ(MoveJ),
-    /// `get_current_state()`: joints, flange and tip; requested on the state channel.
+    /// `get_current_state()`: axis angles, flange pose and TCP pose; requested on the state channel.
     GetCurrentState,
-    /// `set_base(base_frame)`: the origin of poses, in the robot's base; the panel's place.
+    /// `set_base(base_frame)`: the origin of poses, in the robot's base: the panel's pose.
     SetBase(KukaPose),
-    /// `set_tcp(tcp_frame)`: the tool's tip, in the flange.
+    /// `set_tcp(tcp_frame)`: the TCP frame of the tool, in the flange frame.
     SetTcp(SetTcp),
     /// `set_acc_speed(acceleration, speed)`.
     SetAccSpeed(SetAccSpeed),
-    /// `set_digin(number, value)`: inputs of a KRC are read-only, so it is refused unless the controller maps the input
-    /// to a flag ([`MappedInputs`]).
+    /// `set_digin(number, value)`: inputs of a KRC are read-only, so the command is refused unless the controller maps
+    /// the input to a flag ([`MappedInputs`]).
     SetDigin(Signal),
-    /// `set_digout(number, value)`: when the arm has stopped at the end of the commands sent before.
+    /// `set_digout(number, value)`: executed when the arm has stopped at the end of the previous commands.
     SetDigout(Signal),
-    /// `set_digout(number, value)` on the path: at the end of the motion before it, which is still blended.
+    /// `set_digout(number, value)` on the path: executed at the end of the previous motion, which is still blended.
     #[strum(serialize = "set_digout")]
     SetDigoutOnPath(Signal),
     /// `call_subroutine()`: one of the controller's predefined subroutines, by its index.
     CallSubroutine {
-        /// Its index in the controller's own list.
+        /// The index of the subroutine in the controller's own list.
         index: u16,
     },
 }
 
-/// A straight line to a pose.
+/// A linear motion to a pose.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct MoveLin {
-    /// The tip's target, in the active base.
+    /// The TCP's target pose, in the active base.
     pub pose: KukaPose,
     /// Distance before the pose at which blending may begin, mm; 0 stops exactly at the pose.
     pub blend_mm: f64,
-    /// True if the tool touches the panel on the way.
+    /// True if the tool touches the panel during the motion.
     pub contact: bool,
-    /// Speed of the tip from here on, m/s; `None` keeps the one that was set.
+    /// Speed of the TCP from here on, m/s; with `None` the speed set before remains.
     pub speed_m_s: Option<f64>,
 }
 
@@ -58,20 +58,20 @@ pub struct MoveLin {
 pub struct MoveJ {
     /// The target of the axes.
     pub joints: Joints,
-    /// Share of the axes' full speed, %.
+    /// Percentage of the axes' maximum speed.
     pub axis_speed_percent: f64,
 }
 
-/// The tool's frame, and whether a retract goes along its axis.
+/// The TCP frame of the tool, and whether a retract moves along the tool's axis.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct SetTcp {
-    /// Pose of the tip in the flange frame.
+    /// Pose of the TCP in the flange frame.
     pub flange_from_tool: KukaPose,
     /// The kind of tool.
     pub kind: TcpKind,
 }
 
-/// What a tool frame belongs to.
+/// The kind of equipment to which a TCP frame belongs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum TcpKind {
@@ -84,31 +84,31 @@ pub enum TcpKind {
 /// Speeds and accelerations of the motions that follow.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct SetAccSpeed {
-    /// Speed of the tip, m/s.
+    /// Speed of the TCP, m/s.
     pub speed_m_s: f64,
-    /// Acceleration of the tip, m/s².
+    /// Acceleration of the TCP, m/s².
     pub acceleration_m_s2: f64,
-    /// Share of the axes' full speed, %.
+    /// Percentage of the axes' maximum speed.
     pub axis_speed_percent: u8,
-    /// Share of the axes' full acceleration, %.
+    /// Percentage of the axes' maximum acceleration.
     pub axis_acceleration_percent: u8,
 }
 
 /// A digital signal and its value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Signal {
-    /// Its number on the controller, from 1.
+    /// The number of the signal on the controller, from 1.
     pub number: u16,
     /// On or off.
     pub on: bool,
 }
 
-/// The inputs that the controller maps to flags, so that they can be set; none unless the cell names some.
+/// The inputs that the controller maps to flags, so that they can be set; none unless the cell's file names some.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct MappedInputs([u16; MappedInputs::MAX]);
 
 impl MappedInputs {
-    /// The number of places in the controller's list.
+    /// The number of entries in the controller's list.
     pub const MAX: usize = 8;
 
     /// Returns these inputs, by their numbers; `None` if there are too many.
@@ -137,12 +137,12 @@ pub enum Request {
         /// The last command sent in this epoch, 0 if none was sent.
         last_sent: u32,
     },
-    /// Ends the epoch: tool off, brake, discard commands, retract if in contact. Then begins the next epoch.
+    /// Ends the epoch: tool off, brake, discard commands, retract if in contact. Then the next epoch begins.
     Abort {
         /// The epoch after the abort.
         next: Epoch,
     },
-    /// The signals to a line, as bits of the controller's outputs for it; nothing moves.
+    /// The signals to a production line, as bits of the controller's outputs to that line; nothing moves.
     Line {
         /// The values of the outputs: the first output is the lowest bit.
         bits: u32,
@@ -164,7 +164,7 @@ pub enum CommandError {
         /// The function of Table 3.1.
         #[serde(deserialize_with = "word")]
         function: Word,
-        /// The value, with its unit.
+        /// The name of the value, with its unit.
         #[serde(deserialize_with = "word")]
         field: Word,
         /// What was given.

@@ -1,5 +1,5 @@
-//! Reads a document by its schema, strictly: every field once, nothing else, finite, in range. A missing field is
-//! an error and never zero.
+//! Reads a document strictly by its schema: each field occurs exactly once, is finite and in range, and there is no
+//! other content. A missing field is an error and never zero.
 
 use super::schema::{Field, Node, Schema};
 use super::word::{Word, word};
@@ -87,7 +87,7 @@ pub enum DecodeError {
         field: Word,
         /// The text found.
         found: String,
-        /// What the value must be.
+        /// The required form of the value.
         #[serde(deserialize_with = "word")]
         needed: Word,
     },
@@ -208,7 +208,7 @@ impl Reading<'_> {
     }
 }
 
-/// Returns whether white space follows every attribute's value, which the parser does not require.
+/// Returns whether white space follows the value of every attribute; the parser does not check this.
 fn is_spaced(tag: &str) -> bool {
     let (mut quote, mut is_valued) = (None, false);
     tag.bytes().all(|byte| {

@@ -1,11 +1,11 @@
-//! Finds the documents in a stream of bytes, at any cut of the stream.
+//! Finds the documents in a stream of bytes, however the stream is divided into reads.
 //!
 //! EthernetKRL sends documents back to back, without length or delimiter; one read may contain half a document or
-//! three. A document ends where the depth of its tags returns to zero, counted outside quotes, byte by byte: the
-//! cuts of the stream cannot matter. Between documents white space, NUL, byte order marks and XML prologs are
+//! three. A document ends where the depth of its tags returns to zero, counted outside quotes, byte by byte: it does
+//! not matter how the stream is divided. Between documents white space, NUL, byte order marks and XML prologs are
 //! skipped. Some content is never sent by a controller: a document type, comments, entities, instructions, anything
-//! but printable ASCII, more than [`MAX_DOCUMENT_BYTES`]. It breaks the framer for good: the stream has no mark by
-//! which to find the next document, so only a new connection can continue.
+//! but printable ASCII, more than [`MAX_DOCUMENT_BYTES`]. After such content the framer accepts nothing more: the
+//! stream has no mark by which to find the next document, so only a new connection can continue.
 //!
 //! Does not check names or values, nor whether tags match: see `schema`.
 
@@ -158,7 +158,8 @@ impl Framer {
         }
     }
 
-    /// Returns how many bytes from here on only lengthen the document, at any position in it.
+    /// Returns the number of leading bytes that are ordinary content: they extend the document and do not change the
+    /// state of the scan.
     fn plain(&self, bytes: &[u8]) -> usize {
         match self.state {
             ScanState::Outside if self.depth > 0 => {}
@@ -170,11 +171,11 @@ impl Framer {
         bytes.iter().take(room).take_while(|byte| is_plain(byte)).count()
     }
 
-    /// Returns the next complete document; `None` while more bytes are needed. Documents before an error come
-    /// first.
+    /// Returns the next complete document; `None` while more bytes are needed. Documents that were complete before an
+    /// error are returned first.
     ///
     /// # Errors
-    /// If the stream cannot be cut any further; also on every later call.
+    /// If the stream cannot be divided any further; every later call returns the same error.
     pub fn next_document(&mut self) -> Result<Option<String>, FrameError> {
         match (self.ready.pop_front(), self.broken) {
             (Some(document), _) => Ok(Some(document)),
@@ -255,7 +256,7 @@ impl Framer {
         Ok(())
     }
 
-    /// Processes the end of an element that returns to this depth; at zero the document is complete.
+    /// Processes the end of an element, after which the nesting depth is `depth`; at zero the document is complete.
     fn closed(&mut self, depth: usize) -> ScanState {
         self.depth = depth;
         if depth == 0 {

@@ -86,7 +86,7 @@ pub enum Report {
         /// For how long.
         silence: Duration,
     },
-    /// The robot is far behind its plan: a point needed more than half a second beyond twice its time. Reported
+    /// The robot is far behind its plan: a point took more than twice its planned time plus half a second. Reported
     /// once for each path; in contact the epoch is being ended.
     Slow {
         /// The point.
@@ -126,14 +126,14 @@ pub enum StopCause {
     /// The drives are off.
     #[error("the drives are off")]
     DrivesOff,
-    /// The override differs from the one for which contact is planned, while the tool touches the panel or is about
-    /// to.
+    /// The override differs from the one for which contact is planned, while the tool touches the panel or is about to
+    /// touch it.
     #[error("the override is not 100 % while the tool is in contact")]
     Override,
     /// The mode switch was turned.
     #[error("the mode switch was turned to T1 or T2")]
     ModeTurned,
-    /// The epoch was stopped and no robot program could move.
+    /// The epoch was stopped, and no robot program was able to move the robot.
     #[error(
         "no robot program runs: select cell_motion and start it; in T1 its Start key was released, or a message waits to be \
          acknowledged"
@@ -142,7 +142,7 @@ pub enum StopCause {
     /// The controller's program has stopped the epoch.
     #[error("the controller's program has stopped by itself")]
     ByProgram,
-    /// The link's reports are not fetched: the program that should look after the robot has stalled.
+    /// The link's reports are not fetched: the program that should supervise the robot has stalled.
     #[error("the program that supervises the robot has not fetched reports for too long")]
     Unattended,
 }
@@ -208,7 +208,7 @@ pub enum SequenceError {
         /// The last request sent.
         last: u32,
     },
-    /// A command was received or executed that was not sent, or the count is lower than before.
+    /// The controller reports a received or executed command that was not sent, or a number that is lower than before.
     #[error("the controller reports that command {found} was {what}; valid: {first} to {last}")]
     Command {
         /// Received or executed.
@@ -216,9 +216,9 @@ pub enum SequenceError {
         what: Word,
         /// The reported command.
         found: CommandId,
-        /// The lowest command that it may report.
+        /// The lowest command that the controller may report.
         first: CommandId,
-        /// The highest command that it may report.
+        /// The highest command that the controller may report.
         last: CommandId,
     },
     /// An epoch that this client did not open.
@@ -304,7 +304,7 @@ pub enum LinkLoss {
         /// The highest epoch that is accepted.
         most: u32,
     },
-    /// An abort that the controller did not answer. Without a client it stops by itself.
+    /// An abort that the controller did not answer. Without a client the controller stops by itself.
     #[error(
         "the controller has not answered an abort within {waited_ms} ms: the connections are closed, which stops it too"
     )]
@@ -333,7 +333,7 @@ pub enum LinkLoss {
         /// The last one.
         most: u32,
     },
-    /// The channel was closed before its first message: it has another client.
+    /// The controller closed the channel before its first message: another client is connected to it.
     #[error(
         "the controller closed the {channel} before it sent anything: another client has it (another PC, or a \
          program that hangs) and a second one is refused; or the previous one is not yet released; or its XML \
@@ -343,7 +343,7 @@ pub enum LinkLoss {
         /// Which connection.
         channel: Channel,
     },
-    /// Each port leads to the other channel.
+    /// The two ports are exchanged: each one leads to the other channel.
     #[error("the {channel} carries the messages of the other one: command_port and state_port are exchanged")]
     PortsExchanged {
         /// Which connection.
@@ -355,7 +355,7 @@ pub enum LinkLoss {
         /// Which connection.
         channel: Channel,
     },
-    /// The system reports an error.
+    /// The operating system reports an error.
     #[error("the {channel} failed: {problem}")]
     System {
         /// Which connection.

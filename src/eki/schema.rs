@@ -89,7 +89,8 @@ impl Node {
         let _ = write!(text, "<{}", self.name);
         for (name, field) in &self.attributes {
             let value = values[*field];
-            // The same digits, but writing exact decimals of a float needs ten times as long.
+            // A whole number is written as an integer: the digits are the same, and writing the exact decimals of a
+            // float takes ten times as long.
             let is_plain =
                 value.fract() == 0.0 && value.abs() < 1e15 && !(value == 0.0 && value.is_sign_negative());
             let _ = match fields[*field].whole {
@@ -108,7 +109,7 @@ impl Node {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Schema {
     pub(super) fields: &'static [Field],
-    /// A node that contains only the root.
+    /// A node above the root, with the root as its only child.
     pub(super) above: Node,
 }
 

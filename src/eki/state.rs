@@ -73,11 +73,11 @@ pub struct State {
     pub done: CommandId,
     /// How often a path had an underrun before its end.
     pub underruns: u32,
-    /// The program override, `$OV_PRO`: the share of each commanded speed at which the arm moves, %.
+    /// The program override, `$OV_PRO`: the percentage of each commanded speed at which the arm moves, %.
     pub override_percent: u8,
     /// The measured axis angles.
     pub joints: Joints,
-    /// The measured pose of the tool's tip in the active base.
+    /// The measured pose of the tool centre point in the active base.
     pub base_from_tcp: KukaPose,
     /// Pose of the active base in the robot's own base.
     pub active_base: KukaPose,
@@ -137,13 +137,13 @@ impl State {
         BOOTS_OF_MOCKS.contains(&self.boot)
     }
 
-    /// Returns whether the controller does not know the tip: before its program is started it reports 0 for every
-    /// number.
+    /// Returns whether the controller does not know the pose of the tool centre point: before its program is started
+    /// it reports 0 for every number.
     pub fn tip_is_unknown(&self) -> bool {
         self.base_from_tcp == KukaPose::default()
     }
 
-    /// Creates a state from the values of [`STATE`], which are in range, and whole if required.
+    /// Creates a state from the values of [`STATE`], which are in range, and integers if integers are required.
     pub(super) fn from_values(values: &[f64]) -> Option<Self> {
         let (whole, poses) = values.split_at_checked(WHOLE)?;
         let [

@@ -47,7 +47,7 @@ pub struct Wire {
 }
 
 impl Wire {
-    /// Creates the messages as these two files name them.
+    /// Creates the message formats from these two channel files.
     ///
     /// # Errors
     /// If a file lacks a tag, or has one that this program does not know.

@@ -43,7 +43,7 @@ pub enum CloudFileError {
         /// What is read.
         allowed: &'static str,
     },
-    /// The file contains a list of points instead of a picture of points.
+    /// The file contains an unorganised list of points instead of one point for each pixel.
     #[error(transparent)]
     Organized(#[from] CloudError),
     /// The number of points does not agree with the size of the picture.
@@ -181,9 +181,9 @@ pub enum CloudFileError {
     OtherLens {
         /// How far off the points are.
         off_px: String,
-        /// The numbers of the calibration's lens.
+        /// The parameters of the lens on whose rays the points lie.
         own: String,
-        /// Those of the calibration.
+        /// The parameters of the calibrated lens.
         stated: String,
     },
     /// The points are not in a camera's frame.

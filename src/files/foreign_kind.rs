@@ -1,11 +1,12 @@
-//! Detects, by their first bytes, files of other kinds that are given as a scan: what they are, and what to do.
+//! Detects, by their first bytes, files of other kinds that are given as a scan, and states what they are and what to
+//! do.
 
 use super::cloud_error::CloudFileError;
 
 const ORDERED: &str =
     "export it as PCD, ordered (organised): one point for each pixel, in mm, in the camera's frame";
 
-/// Checks whether the text is a list of points that do not form a picture.
+/// Checks whether the text consists of rows of at least three numbers: a list of points without a picture.
 fn is_numbers(head: &str) -> bool {
     let mut lines = head.lines().map(str::trim).filter(|line| !line.is_empty());
     // A line of column names may come first.

@@ -114,7 +114,7 @@ fn header(bytes: &[u8]) -> Result<&[u8], CloudFileError> {
     Err(CloudFileError::NotACloud { end: "DATA …", searched: searched.len() })
 }
 
-/// `pcd-rs` names only a key or nothing; a person needs the line.
+/// Converts an error of `pcd-rs`, which names a key at most, into an error that names the line.
 fn header_error(header: &[u8], error: &pcd_rs::Error) -> CloudFileError {
     let problem = match error {
         pcd_rs::Error::ParseError { desc, .. } => desc.clone(),
@@ -217,7 +217,7 @@ fn check_length(bytes: &[u8], start: usize, needed: usize) -> Result<(), CloudFi
     }
 }
 
-/// Checks the two numbers before the packed data, the packed and unpacked length.
+/// Checks the two lengths that precede the packed data: packed and unpacked.
 fn check_compressed(bytes: &[u8], start: usize, unpacked_needed: usize) -> Result<(), CloudFileError> {
     let data = &bytes[start..];
     let Some((&[p0, p1, p2, p3, u0, u1, u2, u3], _)) = data.split_first_chunk() else {
@@ -337,7 +337,8 @@ impl PcdDeserialize for ColoredPoint {
 fn number_bits(word: &str, kind: ValueKind, name: &str) -> pcd_rs::Result<u32> {
     let number = match kind {
         ValueKind::U32 => word.parse::<u32>().ok(),
-        // As text, a packed colour with alpha 255 has become nan, and a whole number was never a packed float.
+        // In a text file, a colour that was packed as a float with alpha 255 is written as nan, and a whole number
+        // other than 0 is never a packed float.
         _ if is_color(name) && word != "0" && word.bytes().all(|byte| byte.is_ascii_digit()) => None,
         _ => word.parse::<f32>().ok().filter(|number| !(is_color(name) && number.is_nan())).map(f32::to_bits),
     };

@@ -306,7 +306,7 @@ fn encode_png(
     written.map(|()| file).map_err(|error| unwritable(error.to_string()))
 }
 
-/// The encoders would assert this, or write an unreadable picture.
+/// Checks that the pixels fill the picture: otherwise the encoders would panic or write an unreadable picture.
 fn fills(width: usize, height: usize, pixels: usize, format: &'static str) -> Result<(), PictureError> {
     match pixels != 0 && width.checked_mul(height) == Some(pixels) {
         true => Ok(()),

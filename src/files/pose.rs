@@ -17,13 +17,13 @@ pub enum PoseError {
         /// The problem that the parser reports, with its line.
         problem: String,
     },
-    /// The command that printed this found no pose.
+    /// The file is the output of a command that found no pose.
     #[error("{key} is null: the command that printed this file found no pose")]
     NotFound {
         /// The key.
         key: &'static str,
     },
-    /// The command that printed this states that it must not be used.
+    /// The file is the output of a command that states that its pose must not be used.
     #[error("the verdict in this file is 'reject'; its {key} must not be used")]
     Rejected {
         /// The key.
@@ -41,7 +41,7 @@ pub fn read_located(bytes: &[u8]) -> Result<KukaPose, PoseError> {
     printed.map_or_else(|| bare(bytes, key), |printed| used(printed.base_from_panel, printed.verdict, key))
 }
 
-/// Reads the uncertainty of that pose, 95 %, mm; `None` if the file does not state it.
+/// Reads the uncertainty of the panel's pose, 95 %, mm; `None` if the file does not state it.
 ///
 /// # Errors
 /// As [`read_located`].

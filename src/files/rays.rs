@@ -15,10 +15,10 @@ use rayon::prelude::*;
 /// columns: manufacturers' figures are approximations.
 const DESCRIBED_PX: f64 = 2.0;
 const FULL_PX: f64 = 1_944.0;
-/// Smallest such limit in a small picture, px: a scan may be reduced with a different centre of its pixels.
+/// Lower bound of this limit for small pictures, px: a scan may be reduced with a different centre of its pixels.
 const MIN_DESCRIBED_PX: f64 = 1.0;
-/// A point that projects farther away than this was not measured at its pixel, px. The value is ten times as large,
-/// to allow filters that smooth a scan.
+/// A point that projects farther away than this was not measured at its pixel, px. The value is ten times
+/// [`DESCRIBED_PX`], to allow filters that smooth a scan.
 const ELSEWHERE_PX: f64 = 20.0;
 /// Fewer points show nothing about lens, frame or unit.
 const MIN_POINTS: usize = 60;
@@ -73,8 +73,8 @@ fn unit_and_side(sample: &Sample) -> Result<(), CloudFileError> {
     Ok(())
 }
 
-/// Names the kind of a cloud if its points do not lie on this camera's rays, by the change that makes them lie
-/// there.
+/// Returns the error for a cloud whose points do not lie on this camera's rays; it names the change with which they
+/// would.
 fn named(cloud: &OrganizedCloud<Camera>, sample: &Sample, camera: &PinholeCamera, off_px: f64) -> CloudFileError {
     let allowed = allowed_px(cloud.width());
     let (last_u, last_v) = (cloud.width() as f64 - 1.0, cloud.height() as f64 - 1.0);

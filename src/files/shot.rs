@@ -20,8 +20,8 @@ pub fn read_cloud(bytes: &[u8], camera: &PinholeCamera) -> Result<OrganizedCloud
     Ok(cloud)
 }
 
-/// Reads an organised cloud of any camera, by the size that it states; `size_px` is that of a PLY file that states
-/// none.
+/// Reads an organised cloud of any camera, by the size that it states; `size_px` is the size of a PLY file that does
+/// not state its own.
 ///
 /// # Errors
 /// If the bytes are not an organised cloud with colours, or its width is not stated.

@@ -1,10 +1,10 @@
-//! Which force belongs to which part of a path.
+//! The force for each part of a path.
 //!
-//! Waypoints are those of the plan, the first one in air. The robot reports how many of the others it has reached,
-//! and is then on the leg from that waypoint to the next. Through the air and over a hole the tool is held back. On
-//! the way down and up, with one end of the leg on the panel, it presses with the landing force. It also does so on
-//! the last leg before it leaves, so that the force has come down when the disc lifts off. Between these legs, it
-//! presses with the recipe's force.
+//! Waypoints are those of the plan, the first one in air. The robot reports how many of the others it has reached, and
+//! is then on the leg from that waypoint to the next. Through the air and over a hole the tool is held back. On the
+//! way down and up, with one end of the leg on the panel, it presses with the landing force. It also does so on the
+//! last leg before it leaves, so that the force is reduced when the disc lifts off. Between these legs, it presses
+//! with the recipe's force.
 
 use serde::{Deserialize, Serialize};
 
@@ -20,8 +20,8 @@ pub enum ForcePhase {
     Pressing,
 }
 
-/// Returns the aim on the leg that begins at this waypoint; `contact` states for each waypoint whether it is on the
-/// panel.
+/// Returns the tool's task on the leg that begins at this waypoint; `contact` states for each waypoint whether it is
+/// on the panel.
 pub fn force_phase(contact: &[bool], reached: usize) -> ForcePhase {
     let on = |index: usize| contact.get(index).copied().unwrap_or(false);
     match (on(reached), on(reached + 1)) {

@@ -1,4 +1,4 @@
-//! The weight of the parts on the tool, by the tool's attitude.
+//! The effect of the weight of the parts on the tool, as a function of the tool's orientation.
 //!
 //! ```text
 //! F_contact = F_actuator + m g (a · d)                                                       (1)
@@ -8,8 +8,8 @@
 //!
 //! `a` is the direction in which the tool presses, its own +Z, and `d` the direction of gravity, −Z of the robot's
 //! base, both of length 1: the base must be level. If the tool points down (`a · d` = 1), the weight adds to the
-//! force; if it points up, the weight reduces the force. The payload that is sent to the tool is 0 kg, so that
-//! nothing is compensated twice.
+//! force; if it points up, the weight reduces the force. The payload that is sent to the tool is 0 kg, so that nothing
+//! is compensated twice.
 
 use crate::cell::CompliantTool;
 use crate::geometry::{Base, Rigid, STANDARD_GRAVITY_M_S2, Tool, Vector};
@@ -25,7 +25,8 @@ pub struct Weight {
 }
 
 impl Weight {
-    /// Returns the share of the contact force that is weight, N, for a tool with this downward component, −1…1.
+    /// Returns the part of the contact force that comes from the weight, N; `downwards` is the cosine between the
+    /// tool's +Z and gravity, −1…1.
     pub fn presses_n(&self, downwards: f64) -> f64 {
         self.payload_kg * STANDARD_GRAVITY_M_S2 * downwards
     }

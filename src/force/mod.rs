@@ -13,7 +13,7 @@
 //!
 //! Forces are contact forces, N, positive if the disc presses onto the panel, unless they are stated to be the
 //! actuator's; `gravity` has the formula between them. Read in this order: `telegram` · `session` · `press` (the
-//! set-points of the tool) · `gravity` · `aims` (which force at which waypoint) · `watch` (readings against
+//! set-points of the tool) · `gravity` · `force_profile` (which force at which waypoint) · `watch` (readings against
 //! expected values) · `stroke` (the gate before the motion). Payload and zero are calibrated in `calib::force`.
 
 mod force_profile;

@@ -56,8 +56,8 @@ impl Ramp {
         from_n + (to.force_n - from_n) * share
     }
 
-    /// Returns the range of the force during this delay before now, lower value first, N: a tool follows with some
-    /// delay.
+    /// Returns the range of the force during the last `delay` before now, lower value first, N: a tool follows with
+    /// some delay.
     pub fn between_n(&self, now: Time, delay: Duration) -> [f64; 2] {
         let before = Time::after_start(now.since_start().saturating_sub(delay));
         // The ramp is a straight line. Before its start the force is its starting value.

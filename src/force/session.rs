@@ -133,7 +133,7 @@ impl Session {
         self.newest
     }
 
-    /// Returns the latest time at which the session needs attention.
+    /// Returns the time by which [`tick`](Self::tick) must be called next; `None` without a connection.
     pub fn due(&self) -> Option<Time> {
         match self.state {
             State::LoggingIn(since) => Some(since + LOGIN_TIMEOUT),

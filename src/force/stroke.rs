@@ -14,7 +14,7 @@
 use crate::number_text::{apart, fixed};
 use crate::verdict::{Check, SetBy, Severity};
 
-/// Share of the stroke, about its middle, that may be used in contact.
+/// Fraction of the stroke, centred on its middle, that may be used in contact.
 pub const MIDDLE_SHARE: f64 = 2.0 / 3.0;
 
 /// The check's name.

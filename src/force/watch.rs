@@ -14,9 +14,9 @@ use crate::number_text::fixed;
 use crate::verdict::Reason;
 use std::time::Duration;
 
-/// How far a tool that is held back may be out, as a share of its stroke.
+/// Largest extension of a tool that is held back, as a fraction of its stroke.
 const BACK_SHARE: f64 = 1.0 / 6.0;
-/// A tool that is held back has gone back within this time: the longest stroke of the slowest tool.
+/// Time limit for a tool to retract: enough for the longest stroke of the slowest tool.
 const RETRACT_TIMEOUT: Duration = Duration::from_millis(600);
 
 /// The limits from the cell's file.
@@ -69,7 +69,8 @@ impl Watch {
         };
         let presses = expected.aim == ForcePhase::Pressing;
         let [low_n, high_n] = [expected.between_n[0] - limits.band_n, expected.between_n[1] + limits.band_n];
-        // Without contact there is no force to judge. Too much force is too much wherever the tool presses.
+        // Without contact there is no force to judge. The upper limit applies in every contact phase, the lower limit
+        // only while the tool presses.
         let out = (presses && reading.contact && contact_n < low_n)
             || (expected.aim != ForcePhase::HeldBack && reading.contact && contact_n > high_n);
         let [nearest_mm, farthest_mm] = middle_mm(limits.stroke_mm);
@@ -107,7 +108,7 @@ impl Watch {
             return Some(Reason::new("tool_stroke", words));
         }
         let is_held = expected.aim == ForcePhase::HeldBack && now.since(since) >= RETRACT_TIMEOUT;
-        // In the air, after enough time to go back, the tool touches nothing: then its force is not checked.
+        // In the air, after enough time to retract, the tool must be back and touch nothing; its force is not checked.
         if is_held { unready(reading, limits.stroke_mm) } else { None }
     }
 }

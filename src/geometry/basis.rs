@@ -27,7 +27,7 @@ pub enum KnotError {
         /// The requested degree.
         found: usize,
     },
-    /// The knots are not open, are falling, or an inner knot is repeated too often.
+    /// The knots are not open, decrease, or contain an inner knot that is repeated too often.
     #[error(
         "{} is no open knot vector of degree {degree}: finite, never falling, both ends repeated \
          degree + 1 times, no other knot more than degree times",

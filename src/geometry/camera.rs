@@ -52,8 +52,8 @@ impl PinholeCamera {
         })
     }
 
-    /// Returns the pixel that sees this point, and its derivative by the point, px per mm along x, y, z; `None`
-    /// behind the camera.
+    /// Returns the pixel that sees this point, and its derivative with respect to the point, px per mm along x, y, z;
+    /// `None` behind the camera.
     pub fn project_with_slope<F: Frame>(&self, point: Point<F>) -> Option<(Pixel, Matrix2x3<f64>)> {
         let (p, pixel) = (point.mm, self.project(point)?);
         let (x, y) = (p.x / p.z, p.y / p.z);
@@ -62,8 +62,8 @@ impl PinholeCamera {
         Some((pixel, focal * self.distortion_jacobian(Vector2::new(x, y)) * flat))
     }
 
-    /// Returns the derivative of the pixel that sees this point by fx, fy, cx, cy, k1, k2, p1, p2, k3, in this
-    /// order; `None` behind the camera.
+    /// Returns the derivative of the pixel that sees this point with respect to fx, fy, cx, cy, k1, k2, p1, p2, k3, in
+    /// this order; `None` behind the camera.
     pub fn lens_slope<F: Frame>(&self, point: Point<F>) -> Option<SMatrix<f64, 2, 9>> {
         let p = point.mm;
         (p.z > 1e-6).then(|| {
@@ -99,8 +99,8 @@ impl PinholeCamera {
     }
 
     /// Returns the largest undistorted radius within the circle around the principal point that contains the whole
-    /// picture. `None` if the distortion has no inverse there: if, from the middle outwards, the distorted radius
-    /// grows by less than `least_slope` times the undistorted one.
+    /// picture. `None` if the distortion has no inverse there, that is, if, from the middle outwards, the distorted
+    /// radius grows by less than `least_slope` times the undistorted one.
     pub fn radius_without_fold(&self, least_slope: f64) -> Option<f64> {
         const DIRECTIONS: usize = 24;
         const STEPS: usize = 40;

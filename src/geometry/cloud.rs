@@ -140,7 +140,7 @@ impl<F: Frame> OrganizedCloud<F> {
         }
     }
 
-    /// For writers: coordinates of each pixel, NaN if missing.
+    /// Returns the coordinates of each pixel for functions that write files, NaN if missing.
     pub fn raw_points_mm(&self) -> &[[f32; 3]] {
         &self.points_mm
     }

@@ -42,8 +42,8 @@ pub fn sampled<F: Frame>(cloud: &OrganizedCloud<F>) -> Vec<(Pixel, Point<F>)> {
     (0..count).step_by(stride).filter_map(|index| Some((pixel(index), cloud.point_at(index)?))).collect()
 }
 
-/// Returns the median distance of these points from their pixels in projection, px; a point behind the camera is at
-/// infinity. `None` without points.
+/// Returns the median distance between the projections of these points and their pixels, px; a point behind the camera
+/// is at infinity. `None` without points.
 pub fn median_off_px<F: Frame>(sample: &[(Pixel, Point<F>)], camera: &PinholeCamera) -> Option<f64> {
     let off = |(pixel, point): &(Pixel, Point<F>)| {
         camera.project(*point).map_or(f64::INFINITY, |seen| seen.distance_px(*pixel))

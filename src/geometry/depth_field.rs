@@ -23,7 +23,7 @@ pub const FIELD_SIZE: usize = FIELD_COLUMNS * FIELD_ROWS;
 /// c of (1).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DepthField {
-    /// The rectangle of directions that it covers.
+    /// The rectangle of directions that the field covers.
     pub over: FieldRectangle,
     /// The field's coefficients row by row, mm at the reference depth.
     pub coefficients_mm: [f64; FIELD_SIZE],
@@ -73,9 +73,9 @@ impl DepthField {
         DepthField { over, coefficients_mm: [0.0; FIELD_SIZE] }
     }
 
-    /// Returns the same field with this much more for each unit of the direction, mm at the reference depth. If the
-    /// coefficients of a spline are the values of a line at the places of the coefficients, the spline is that
-    /// line.
+    /// Returns the field plus a linear term with this slope, mm at the reference depth for each unit of the direction.
+    /// If the coefficients of a spline are the values of a linear function at the coefficients' positions, the spline
+    /// is that function.
     #[must_use]
     pub fn with_slope(mut self, slope_mm: [f64; 2]) -> Self {
         let place = |axis: usize, index: usize, count: usize| {

@@ -1,8 +1,8 @@
 //! The coordinate frames of the cell, as types.
 //!
-//! A frame is the reference of a measurement. Every point, direction and transform carries its frame, so that
-//! adding a camera point to a base point does not compile. Types cannot distinguish the same frame at two times: if
-//! a person bumps the panel, `Panel` before and after is one type but two places. Hence tokens and Verify.
+//! A frame is the reference of a measurement. Every point, direction and transform carries its frame, so that adding a
+//! camera point to a base point does not compile. Types cannot distinguish the same frame at two times: if a person
+//! bumps the panel, `Panel` before and after is one type but two poses. This is why tokens and Verify exist.
 
 /// A coordinate frame; implemented only by the markers of this module.
 pub trait Frame: Copy + std::fmt::Debug + PartialEq + Send + Sync + 'static {

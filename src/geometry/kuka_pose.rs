@@ -34,7 +34,7 @@ pub struct KukaPose {
 const POLE: f64 = 1e-9;
 
 impl KukaPose {
-    /// The transform that this pose represents, between frames that the caller claims.
+    /// The transform that this pose represents, between the frames that the caller states.
     pub fn to_rigid<To: Frame, From: Frame>(self) -> Rigid<To, From> {
         let turn = |axis: nalgebra::Unit<Vector3<f64>>, deg: f64| {
             UnitQuaternion::from_axis_angle(&axis, Degrees(deg).rad())

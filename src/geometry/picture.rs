@@ -94,7 +94,7 @@ impl Mask {
         GrayPicture { width: self.width, height: self.height, gray }
     }
 
-    /// Creates a mask of the pixels with at least half brightness.
+    /// Creates a mask of the pixels whose brightness is at least half of the maximum.
     pub fn from_gray(picture: &GrayPicture) -> Self {
         let inside = picture.gray.iter().map(|&gray| gray >= 128).collect();
         Mask { width: picture.width, height: picture.height, inside }

@@ -8,15 +8,15 @@ use super::frames::Frame;
 use super::rigid::{Point, Vector};
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
-/// Neighbours belong to another surface if their distance from the middle one exceeds that of the nearest quarter
-/// by this factor. It is a quarter because at an edge up to three quarters may be another surface. It is a ratio so
-/// that a coarse scan is treated as a fine one.
+/// A neighbour belongs to another surface if its distance from the middle point is more than this multiple of the
+/// distance below which the nearest quarter of the neighbours lies. It is a quarter because at an edge up to three
+/// quarters may be another surface. It is a ratio so that a coarse scan is treated as a fine one.
 const MAX_RATIO: f64 = 4.0;
 /// A plane through fewer points is not reliable.
 const MIN_POINTS: usize = 8;
-/// A few points in a row do not determine a plane beside them. With the mean and scatter S of the points' pixels, a
-/// pixel at the distance d from the mean has 1 + dᵀ S⁻¹ d: 7 at the corner of an evenly filled square, 9 at that of
-/// a triangle. Above this limit the pixel is too far beside the points.
+/// A few points in a row do not determine a plane at a pixel beside them. With the mean and scatter S of the points'
+/// pixels, a pixel at the distance d from the mean has 1 + dᵀ S⁻¹ d: 7 at the corner of an evenly filled square, 9 at
+/// the corner of a triangle. Above this limit the pixel is too far beside the points.
 const BESIDE: f64 = 12.0;
 
 /// A plane by a point on it and its normal, a direction.
@@ -49,7 +49,8 @@ pub fn local_plane<F: Frame>(
     local_plane_of(cloud, at, half_width_px, viewer, |_| true)
 }
 
-/// The same, but only with points whose pixel, by its index, belongs to one surface.
+/// Fits the plane as [`local_plane`] does, but only through points for which `belongs` is true for the index of their
+/// pixel: the points of one surface.
 pub fn local_plane_of<F: Frame>(
     cloud: &OrganizedCloud<F>,
     (column, row): (usize, usize),
@@ -89,7 +90,7 @@ pub fn local_plane_of<F: Frame>(
     Some(Plane { point, normal: Vector::new(outward) })
 }
 
-/// Returns whether the origin is far away from points with this mean and mean square.
+/// Returns whether the origin lies too far beside points with this mean and this mean square.
 fn is_beside(mean: Vector2<f64>, square: Matrix2<f64>) -> bool {
     let scatter = square - mean * mean.transpose();
     scatter.try_inverse().is_none_or(|inverse| 1.0 + mean.dot(&(inverse * mean)) > BESIDE)

@@ -40,8 +40,8 @@ pub fn signed_area_px2(polygon: &[Pixel]) -> f64 {
     edges(polygon).map(|(a, b)| (a.u * b.v - b.u * a.v) / 2.0).sum()
 }
 
-/// Finds two sides that meet at a point other than a common corner. Each side has the number of the corner from
-/// which it runs, from 0; `None` for a simple polygon.
+/// Finds two sides that meet at a point other than a common corner. A side is identified by the number of its first
+/// corner, from 0; `None` for a simple polygon.
 pub fn crossing_sides(polygon: &[Pixel]) -> Option<[usize; 2]> {
     let count = polygon.len();
     let side = |i: usize| (polygon[i], polygon[(i + 1) % count]);
@@ -90,9 +90,9 @@ mod tests {
         assert!(!contains(&triangle, Pixel::at(3.0, 1.5)));
     }
 
-    /// Calculated by hand: an hourglass crosses in its middle, sides 0 and 2. A side that touches a corner counts
-    /// as a crossing. (2, 1) is 1 px from the upper side of a rectangle of 4 × 4 px, and (6, 7) is √(2² + 3²) px
-    /// from its corner.
+    /// Calculated by hand: sides 0 and 2 of an hourglass cross in its middle. A side that touches a corner counts as a
+    /// crossing. (2, 1) is 1 px from the upper side of a rectangle of 4 × 4 px, and (6, 7) is √(2² + 3²) px from its
+    /// corner.
     #[test]
     fn sides_cross_or_are_so_far_away() {
         let of = |corners: &[[f64; 2]]| corners.iter().map(|&[u, v]| Pixel::at(u, v)).collect::<Vec<_>>();

@@ -1,11 +1,11 @@
-//! Neighbouring cells of a raster, and its connected pieces.
+//! Neighbouring cells of a raster, and connected components of its cells.
 
 /// The steps, column and row, to the four direct neighbours of a cell.
 pub const BESIDE: [(isize, isize); 4] = [(-1, 0), (1, 0), (0, -1), (0, 1)];
 /// The steps, column and row, to the eight cells around a cell.
 pub const AROUND: [(isize, isize); 8] = [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
 
-/// The size of a raster with places that are counted row by row.
+/// The size of a raster whose cells are counted row by row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Raster {
     /// Number of cells in a row.
@@ -28,8 +28,8 @@ impl Raster {
         })
     }
 
-    /// For each place, the side of the largest square with its lower right corner there in which `holds` is true
-    /// everywhere; 0 if it is false at the place itself.
+    /// Returns for each cell the side of the largest square that has this cell as its lower right corner and in which
+    /// `holds` is true everywhere; 0 if it is false for the cell itself.
     pub fn largest_squares(self, holds: impl Fn(usize) -> bool) -> Vec<u32> {
         let width = self.width;
         let mut squares = vec![0_u32; width * self.height];
@@ -50,7 +50,8 @@ impl Raster {
         self.joined_pieces(steps, holds, |_, _| true)
     }
 
-    /// The same, but two neighbours for which `holds` is true are connected only if they are `joined`.
+    /// Returns the connected pieces as [`Raster::pieces`] does, but two neighbours for which `holds` is true are
+    /// connected only if `joined` is also true for the pair.
     pub fn joined_pieces(
         self,
         steps: &[(isize, isize)],

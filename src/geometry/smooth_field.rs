@@ -1,12 +1,13 @@
-//! A smooth field over a rectangle: it follows heights measured at some places as a panel bends, and no faster.
+//! A smooth field over a rectangle: it follows heights measured at some places, but changes no faster than a panel
+//! bends.
 //!
 //! c(u, v) over the unit square is a bicubic spline with spans of 70 mm at most that minimises
 //!     Σ_q w_q (c(u_q, v_q) − r_q)² + n̄ (λ Σ |Δ²c|² + μ Σ c²),                                              (1)
-//! with n̄ the mean number of heights r_q for each coefficient and Δ² second differences of the coefficients along
-//! u and along v. If heights are missing, the field continues smoothly and fades to 0. Heights have Tukey's weights
-//! (Beaton & Tukey, Technometrics 16, 1974). The first weights come from a single patch, so that a clamp or a
-//! flying point has no weight. Sums are computed over fixed chunks in their order, so that the bits are the same
-//! for any number of threads.
+//! with n̄ the mean number of heights r_q for each coefficient and Δ² second differences of the coefficients along u
+//! and along v. If heights are missing, the field continues smoothly and fades to 0. Heights have Tukey's weights
+//! (Beaton & Tukey, Technometrics 16, 1974). The first weights come from a single patch, so that a clamp or a flying
+//! point has no weight. Sums are computed over fixed chunks in their order, so that the bits are the same for any
+//! number of threads.
 
 use super::basis::{DEGREE, KnotVector};
 use super::median::median;
@@ -17,15 +18,15 @@ use rayon::prelude::*;
 /// Largest length of a span, mm: longer than a weave, a seam or the camera's noise, shorter than the bending of a
 /// panel.
 const SPAN_MM: f64 = 70.0;
-/// λ and μ of (1). Between measured places they bend and shrink the field by less than a hundredth.
+/// λ and μ of (1). Between measured places λ and μ bend and shrink the field by less than a hundredth.
 const SMOOTH: f64 = 1e-3;
 const FADE: f64 = 1e-4;
 /// Lower limit of σ, mm, for heights without noise.
 const MIN_SCALE_MM: f64 = 0.01;
 /// Number of fits with Tukey's weights.
 const ROUNDS: usize = 4;
-/// A height farther than this from the best single patch does not belong to the field, mm; a wave of a panel is
-/// closer.
+/// A height farther than this from the best single patch does not belong to the field, mm; the waves of a panel are
+/// smaller.
 const OFF_PATCH_MM: f64 = 1.5;
 /// Number of functions that are not 0 at one place, along each axis.
 const ORDER: usize = DEGREE + 1;
@@ -61,7 +62,7 @@ pub struct RobustField {
 impl SmoothField {
     /// Computes the field from these heights over a rectangle of this size, mm; `None` if (1) has no solution.
     pub fn robust(sides_mm: [f64; 2], seen: &[Height]) -> Option<RobustField> {
-        // A single patch cannot follow a clamp; a fine field would follow it if the fit started with the fine
+        // A single patch cannot follow a clamp; a field with many spans would follow it if the fit started with that
         // field.
         let patch = SmoothField::weighted(&knots([1, 1])?, seen, vec![1.0; seen.len()])?.field;
         let is_near = |height: &Height| (height.mm - patch.at(height.at)).abs() <= OFF_PATCH_MM;

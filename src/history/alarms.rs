@@ -26,14 +26,14 @@ pub struct Alarm {
     pub cause: String,
     /// The remedy; empty if this program does not give it.
     pub remedy: String,
-    /// The phase that gave it; `None` for a request and for a reason that only the verdict contains.
+    /// The phase that raised the alarm; `None` for a request and for a reason that only the verdict contains.
     pub phase: Option<Kind>,
     /// When the alarm was raised, ms since 1970. Findings of an earlier program count as raised at the begin of
     /// their cycle.
     pub raised_unix_ms: i64,
     /// When the cause was gone, ms since 1970; `None` while the alarm lasts.
     pub gone_unix_ms: Option<i64>,
-    /// The first acknowledgement: by whom, and when.
+    /// The first acknowledgement, with the person and the time.
     pub acknowledged: Option<Acknowledgement>,
 }
 
@@ -63,7 +63,7 @@ impl Alarm {
         Alarm {
             cycle,
             code: reason.code.clone().into_owned(),
-            // An unknown code must not be overlooked.
+            // A code that is not in the table gets medium priority, so that it is not overlooked.
             priority: known.map_or(Priority::Medium, |known| known.priority),
             message: reason.message.clone(),
             cause: known.map_or(String::new(), |known| known.cause.clone().into_owned()),
@@ -112,7 +112,7 @@ fn of_findings(record: &CycleRecord, times: &AlarmTimes) -> Vec<Alarm> {
     all
 }
 
-/// Applies the end of the cycle: the alarms of its reasons last on, all others end.
+/// Applies the end of the cycle: alarms for the reasons of its verdict continue, all others end.
 fn end(record: &CycleRecord, times: &AlarmTimes, all: &mut Vec<Alarm>) {
     let (Some(judgement), Some(ended_unix_s)) = (&record.judgement, record.ended_unix_s) else { return };
     let ended_unix_ms = ended_unix_s * 1_000;

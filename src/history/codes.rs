@@ -1,4 +1,4 @@
-//! Every code that the program gives, as a table of alarms (ISA-18.2): its urgency, its meaning, its remedy.
+//! The table of all alarm codes of the program (ISA-18.2), each with its urgency, its meaning and its remedy.
 //!
 //! Meaning and remedy are those of the manual's page of messages; a test compares that page with the sources. The
 //! urgency of a code is defined here. None of the codes is a safety function: an immediate stop of the robot is the
@@ -18,13 +18,13 @@ const PAGES: [(&str, &str); 2] = [("en", PAGE), ("de", include_str!("../../confi
 #[serde(rename_all = "lowercase")]
 #[strum(serialize_all = "lowercase")]
 pub enum Priority {
-    /// No one: the code reports an event.
+    /// Not needed: the code reports an event.
     Note,
-    /// When there is time: a request or a command was not carried out, and nothing else changed.
+    /// Needed when there is time: a request or a command was not carried out, and nothing else changed.
     Low,
-    /// Soon: a cycle waits for a person, or ended without a result.
+    /// Needed soon: a cycle waits for a person, or ended without a result.
     Medium,
-    /// Now: the cell was aborted or is not sure of its state. A person must inspect it before anything moves.
+    /// Needed now: the cell was aborted or is not sure of its state. A person must inspect it before anything moves.
     High,
 }
 
@@ -148,7 +148,7 @@ pub fn code(word: &str) -> Option<&'static Code> {
     CODES.iter().find(|code| code.code == word)
 }
 
-/// Each row with the section that contains it.
+/// Returns each row of a page with the section that contains it.
 fn rows(page: &'static str) -> Vec<(&'static str, Row)> {
     let mut section = "";
     let mut rows = Vec::new();

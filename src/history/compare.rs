@@ -1,7 +1,7 @@
 //! Two cycles side by side: their inputs, each check with its difference, and the history of each grid.
 //!
-//! If a phase was executed several times in a cycle, the last finding of each pass counts: the cycle continued with
-//! that one.
+//! If a phase was executed several times in a cycle, the last finding of each pass counts, because the cycle continued
+//! with this finding.
 
 use super::grid::GridPast;
 use super::past_cycle::PastCycle;
@@ -42,7 +42,7 @@ pub struct InputPair {
 pub struct CheckPair {
     /// The phase.
     pub kind: Kind,
-    /// Number of abrasions planned by that time.
+    /// Number of abrasions planned before the check.
     pub pass: u8,
     /// Its name.
     pub name: String,
@@ -52,11 +52,11 @@ pub struct CheckPair {
     pub values: [Option<f64>; 2],
     /// The limits; `None` if the cycle does not have the check.
     pub limits: [Option<Limit>; 2],
-    /// The second value less the first; `None` if one of them is missing.
+    /// The second value minus the first; `None` if one of them is missing.
     pub difference: Option<f64>,
 }
 
-/// A grid in both; `None` if a cycle does not report it.
+/// The history of a grid in both cycles; `None` for a cycle that does not report the grid.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct GridPair {
     /// The grid.
@@ -118,7 +118,7 @@ fn union<T: Clone + PartialEq>(first: &[T], second: &[T]) -> Vec<T> {
     first.iter().chain(more).cloned().collect()
 }
 
-/// Returns the last finding of each phase and pass, in the order in which these first occurred.
+/// Returns the last finding of each pair of phase and pass, in the order of their first occurrence.
 fn last_findings(past: &PastCycle) -> Vec<(Kind, u8, &Finding)> {
     let mut last: Vec<(Kind, u8, &Finding)> = Vec::new();
     for finding in &past.record.findings {
@@ -164,7 +164,7 @@ fn grids(first: &PastCycle, second: &PastCycle) -> Vec<GridPair> {
         .into_iter()
         .map(|grid| GridPair { grid: grid.clone(), cycles: [0, 1].map(|index| both[index].get(grid).cloned()) })
         .collect();
-    // r2c1 comes before r10c1.
+    // By number: r2c1 comes before r10c1.
     pairs.sort_by_key(|pair| super::grid::grid_place(&pair.grid).unwrap_or((u32::MAX, 0)));
     pairs
 }

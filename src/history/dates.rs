@@ -4,7 +4,7 @@ use jiff::civil::{Date, DateTime};
 use jiff::tz::Offset;
 use thiserror::Error;
 
-/// The end of a day that is meant if no time is stated.
+/// The end of the day that applies if the text states no time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Edge {
     /// Its first second.

@@ -6,18 +6,18 @@ use crate::verdict::Verdict;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// The history of a grid in one cycle; `None` if it was not seen.
+/// The history of a grid in one cycle; a value is `None` if the grid was not seen.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct GridPast {
-    /// Whether the film broke on the grid the first time.
+    /// Whether the film broke on the grid in the first valid film.
     pub failed_first: Option<bool>,
-    /// Time after which the grid failed the first time, s.
+    /// Time to the break on the grid in the first valid film, s.
     pub time_to_break_s: Option<f64>,
-    /// The area on which the film broke the first time, mm².
+    /// The area of the break on the grid in the first valid film, mm².
     pub broken_mm2: Option<f64>,
     /// Number of passes that are known to have touched the grid.
     pub passes: u8,
-    /// Whether the film broke on the grid the last time.
+    /// Whether the film broke on the grid in the last valid film.
     pub failed_at_end: Option<bool>,
 }
 
@@ -50,7 +50,7 @@ pub fn grid_place(grid: &str) -> Option<(u32, u32)> {
     Some((row.parse().ok()?, column.parse().ok()?))
 }
 
-/// Every grid that the films or the passes report. The films are in order, and none is invalid.
+/// Returns every grid that the films or the passes report. The films are in order, and none is invalid.
 pub(super) fn grids(films: &[&Finding], passes: &[Abraded]) -> BTreeMap<String, GridPast> {
     let mut all: BTreeMap<String, GridPast> = BTreeMap::new();
     let mut first = films.first().map(|film| seen_grids(film)).unwrap_or_default();
@@ -107,8 +107,8 @@ mod tests {
         Finding::new(kind, 0, Judgement { verdict, reasons: vec![] })
     }
 
-    /// A grid that no film saw is not whole, an invalid film gives no result, and an abrasion counts until the next
-    /// film.
+    /// A grid that no film saw does not count as whole, an invalid film gives no result, and an abrasion is the grid's
+    /// state until the next film.
     #[test]
     fn a_grid_stands_as_the_last_film_and_the_abrasion_after_it_say() {
         let film = |verdict, seen: &[&str], failed: &[&str]| {

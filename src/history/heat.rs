@@ -1,5 +1,5 @@
-//! The places where the film breaks first: every grid of a panel over many parts of its kind, by the first valid
-//! film of each cycle.
+//! The places where the film breaks first: statistics of every grid of a panel over many parts of the same kind, from
+//! the first valid film of each cycle.
 
 use super::grid::grid_place;
 use super::past_cycle::PastCycle;
@@ -7,7 +7,7 @@ use crate::geometry::median_between;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Every grid of a panel over its cycles.
+/// Every grid of a panel, with statistics over its cycles.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct HeatMap {
     /// Cycles with a valid film.
@@ -16,7 +16,7 @@ pub struct HeatMap {
     pub grids: Vec<HeatCell>,
 }
 
-/// A grid over all cycles.
+/// A grid's statistics over all cycles.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct HeatCell {
     /// The grid.
@@ -25,7 +25,7 @@ pub struct HeatCell {
     pub row: u32,
     /// The grid's column, from 1.
     pub column: u32,
-    /// First films that report it.
+    /// Number of first films that report the grid.
     pub films: usize,
     /// How often the film broke on the grid.
     pub breaks: usize,

@@ -1,9 +1,9 @@
-//! The cell's past as data: cycles that match a search, the result of a cycle, the differences between two cycles,
-//! the trend of a panel's numbers, and the alarms.
+//! The cell's past as data: cycles that match a search, the result of a cycle, the differences between two cycles, the
+//! trend of a panel's numbers, and the alarms.
 //!
-//! This module uses records that are kept already, and each number keeps the limit against which it was checked.
-//! The results of the Western Electric rules are a hint for a person: no verdict comes from this room. It reads no
-//! store and no file, and draws nothing; `store` searches, and `report` draws.
+//! This module uses records that exist already, and each number is stored with the limit against which it was checked.
+//! The results of the Western Electric rules are a hint for a person: this module gives no verdict. It reads no store
+//! and no file, and draws nothing; `store` searches, and `report` draws.
 
 mod acknowledgement;
 mod alarms;

@@ -6,7 +6,7 @@ use crate::verdict::{Check, Verdict};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// A cycle with the data that are kept in addition to its record.
+/// A cycle with the data that are stored in addition to its record.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PastCycle {
     /// The record.
@@ -22,7 +22,7 @@ pub struct PastCycle {
 pub struct DiscWear {
     /// The area of the panel that the disc swept in this cycle, mm².
     pub swept_mm2: f64,
-    /// The area that the disc had swept from its mounting to the end of the cycle, mm².
+    /// The area that the disc had swept since it was mounted, at the end of the cycle, mm².
     pub worn_mm2: f64,
 }
 
@@ -32,7 +32,7 @@ impl PastCycle {
         self.record.findings.iter().filter(move |finding| finding.kind == kind)
     }
 
-    /// The valid films: those that were judged and are not invalid, in order.
+    /// The valid films: those with a judgement other than invalid, in order.
     pub fn films(&self) -> impl DoubleEndedIterator<Item = &Finding> {
         self.findings(Kind::Inspect).filter(|film| is_valid(film))
     }
@@ -53,8 +53,8 @@ impl PastCycle {
         grids(&self.films().collect::<Vec<_>>(), &abraded(&self.record.findings, &self.record.motions))
     }
 
-    /// From its begin to its end by the wall clock, s. `None` while it runs, or if the program ended before the
-    /// cycle did, so that the cycle's end is unknown.
+    /// Duration of the cycle from its begin to its end by the wall clock, s. `None` while it runs, or if the program
+    /// ended before the cycle did, so that the cycle's end is unknown.
     pub fn cycle_time_s(&self) -> Option<i64> {
         let mut reasons = self.record.judgement.iter().flat_map(|judgement| &judgement.reasons);
         let is_interrupted = reasons.any(|reason| reason.code == "interrupted");

@@ -1,4 +1,5 @@
-//! Numbers of a cycle whose trend is worth watching: their words on the command line, and their place in a record.
+//! Numbers of a cycle whose trend is worth watching: their keywords on the command line, and their location in a
+//! record.
 
 use super::past_cycle::PastCycle;
 use crate::record::{Kind, name};
@@ -35,9 +36,9 @@ pub enum Known {
     ToolVerification,
     /// The result of verifications of the force of a compliant tool, N.
     ForceVerification,
-    /// The largest loss of light against the dry picture over all films, %.
+    /// The largest loss of light relative to the dry picture over all films, %.
     LightLeast,
-    /// The largest gain of light against the dry picture over all films, %.
+    /// The largest gain of light relative to the dry picture over all films, %.
     LightMost,
     /// The change of the panel by the film, for the film with the smallest change, grey levels.
     FilmChange,
@@ -104,7 +105,7 @@ impl Known {
         }
     }
 
-    /// The subject of the verifications that it shows; `None` if the number comes from cycles.
+    /// The subject of the verifications from which the number comes; `None` if the number comes from cycles.
     pub fn verified_subject(self) -> Option<&'static str> {
         match self {
             Known::ScannerVerification => Some("scanner"),
@@ -120,7 +121,7 @@ impl Known {
         Known::iter().map(Known::word).collect()
     }
 
-    /// Returns the value in a cycle, and its limit. A quantity of verifications has no value in a cycle.
+    /// Returns the value in a cycle, and its limit. A quantity that comes from verifications has no value in a cycle.
     fn value_and_limit(self, past: &PastCycle) -> Option<(f64, Limit)> {
         let unlimited = |value: f64| (value, Limit::Unlimited);
         match self {

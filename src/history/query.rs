@@ -7,7 +7,7 @@ use serde::Serialize;
 /// Largest number of cycles on one page of results.
 pub const MAX_HITS: usize = 1_000;
 
-/// How a cycle must have ended to be found.
+/// The required end of a cycle in a search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum End {
     /// With this verdict.
@@ -16,8 +16,8 @@ pub enum End {
     Running,
 }
 
-/// The search criteria; one that is `None` or empty does not matter. In names `*` matches any characters, and the
-/// letters A to Z equal a to z; without `*` the whole name must match.
+/// The search criteria; a criterion that is `None` or empty matches every cycle. In names `*` matches any characters,
+/// and the letters A to Z equal a to z; without `*` the whole name must match.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Query {
     /// The part's serial number.
@@ -36,7 +36,7 @@ pub struct Query {
     pub end: Option<End>,
     /// Each of these words must occur in a reason of the verdict: in its code or its sentence.
     pub words: Vec<String>,
-    /// Cycles before this one: the [`Hits::next`] of the previous page.
+    /// Only cycles before this one: the [`Hits::next`] of the previous page.
     pub before: Option<CycleId>,
     /// Largest number of cycles, 1 to [`MAX_HITS`]; a value outside this range is set to the nearest limit.
     pub limit: usize,

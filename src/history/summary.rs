@@ -16,7 +16,7 @@ pub struct Summary {
     pub ended_unix_s: Option<i64>,
     /// The panel.
     pub panel: String,
-    /// The part, as far as it was named.
+    /// The part, with the names that were entered.
     pub part: PartNames,
     /// Whether the path was run in the air: the verdict is then about the motions, not about the panel.
     pub is_air_run: bool,
@@ -55,11 +55,11 @@ pub struct Films {
     pub invalid: usize,
     /// Total time for which the valid films were watched, s.
     pub watched_s: Option<f64>,
-    /// Grids that the first valid one reports.
+    /// Number of grids that the first valid film reports.
     pub grids: usize,
-    /// Grids on which the film broke the first time; `None` without a valid film.
+    /// Grids on which the first valid film broke; `None` without a valid film.
     pub failed_first: Option<Vec<String>>,
-    /// Grids on which the film broke the last time; `None` without a valid film.
+    /// Grids on which the last valid film broke; `None` without a valid film.
     pub failed_at_end: Option<Vec<String>>,
 }
 

@@ -1,7 +1,7 @@
 //! A table of cells for other programs: as CSV with every digit, with one line of names first.
 //!
 //! Spreadsheets execute a text that begins like a formula. People enter such texts, for example as serial numbers.
-//! They get an apostrophe in front, as spreadsheets themselves write a text that is not a formula.
+//! Such a text gets an apostrophe in front, as spreadsheets themselves write a text that is not a formula.
 
 /// A cell.
 #[derive(Debug, Clone, PartialEq)]
@@ -42,7 +42,7 @@ impl Table {
     /// The table as CSV (RFC 4180), in UTF-8.
     ///
     /// # Errors
-    /// If a row is not as long as the names.
+    /// If a row does not have as many cells as there are column names.
     pub fn csv(&self) -> Result<String, csv::Error> {
         let mut writer = csv::WriterBuilder::new().terminator(csv::Terminator::CRLF).from_writer(Vec::new());
         writer.write_record(&self.columns)?;

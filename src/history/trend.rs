@@ -27,7 +27,7 @@ pub struct TrendPoint {
 pub struct Trend {
     /// What it is.
     pub title: String,
-    /// Its unit; empty for shares and counts.
+    /// Its unit; empty for ratios and counts.
     pub unit: String,
     /// The values.
     pub points: Vec<TrendPoint>,
@@ -35,7 +35,7 @@ pub struct Trend {
     pub without: usize,
     /// The usual value and scatter; `None` if there are too few values.
     pub usual: Option<Usual>,
-    /// Points that break a rule of Western Electric: hints, by the place of the point.
+    /// Points that violate a Western Electric rule: hints, in the order of the points.
     pub hints: Vec<Hint>,
 }
 

@@ -1,9 +1,10 @@
-//! The four rules of Western Electric. They detect that a row of numbers that should scatter about one value no
-//! longer does so. A hint states that a person should look: a process may be out of control and within every limit.
+//! The four rules of Western Electric. They detect that a row of numbers that should scatter about one value no longer
+//! does so. A hint asks a person to look at the process: a process may be out of control although every value is
+//! within its limit.
 //!
-//! Western Electric Company, Statistical Quality Control Handbook, 1956, pages 25 to 28; NIST/SEMATECH e-Handbook
-//! of Statistical Methods, 6.3.2. The scatter is estimated from the differences of neighbours, as for a chart of
-//! individual values (e-Handbook, 6.3.2.2): thus a slow drift does not hide itself in the scatter.
+//! Western Electric Company, Statistical Quality Control Handbook, 1956, pages 25 to 28; NIST/SEMATECH e-Handbook of
+//! Statistical Methods, 6.3.2. The scatter is estimated from the differences of neighbours, as for a chart of
+//! individual values (e-Handbook, 6.3.2.2): so a slow drift does not enlarge the scatter and thus hide itself.
 
 use serde::Serialize;
 
@@ -93,7 +94,7 @@ pub fn usual(values: &[f64]) -> Option<Usual> {
     Some(Usual { mean, sigma: moved / (values.len() - 1) as f64 / D2 })
 }
 
-/// The places where the values break a rule, in their order. Values without any scatter break none.
+/// Returns the places where the values violate a rule, in their order. Values without any scatter violate no rule.
 pub fn hints(values: &[f64], usual: Usual) -> Vec<Hint> {
     if usual.sigma <= 0.0 {
         return Vec::new();
@@ -128,7 +129,7 @@ mod tests {
         hints(&values, UNIT).into_iter().map(|hint| (hint.rule, hint.at, hint.side)).collect()
     }
 
-    /// By hand, in units of the scatter: the values of each row, and the first place that breaks its rule.
+    /// By hand, in units of the scatter: the values of each row, and the first index at which they violate the rule.
     #[test]
     fn each_rule_is_broken_where_the_handbook_says() {
         assert_eq!(broken(&[0.5, -0.5, 3.1]), [(Rule::OneBeyondThree, 2, Side::Above)]);
@@ -154,7 +155,8 @@ mod tests {
         assert_eq!(hints(&[4.0; 12], super::usual(&[4.0; 12]).expect("twelve")), []);
     }
 
-    /// A drift by a fifth of the scatter per value: by the spread of the values alone it would count as usual.
+    /// A drift by a fifth of the scatter per value: if the scatter came from the spread of all values, the drift would
+    /// count as usual.
     #[test]
     fn a_slow_drift_is_noticed() {
         let values: Vec<f64> =

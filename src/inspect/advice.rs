@@ -26,7 +26,7 @@ pub struct Channel {
 }
 
 impl Channel {
-    /// Returns the change by the film, in multiples of the noise.
+    /// Returns the change that the film causes, in multiples of the noise.
     pub fn contrast_to_noise(&self) -> f64 {
         (self.dry - self.wet) / self.noise.max(0.1)
     }
@@ -57,7 +57,7 @@ pub struct Sampler {
     wet: Vec<[u32; 3]>,
     wet_pictures: u32,
     before: Option<Vec<[u8; 3]>>,
-    /// Sum and count of squared differences of successive pictures.
+    /// Sum of squared differences of successive pictures, and number of differences.
     squares: [f64; 3],
     differences: f64,
 }
@@ -101,7 +101,8 @@ impl Sampler {
         if let Some(before) = self.before.replace(now) {
             let now = self.before.iter().flatten();
             for (a, b) in before.iter().zip(now) {
-                // Twice the median would be more robust; glints are rare enough that a limit is sufficient.
+                // Clipped differences: twice the median would be more robust, but glints are rare enough that a limit
+                // is sufficient.
                 let differs = |i: usize| (f64::from(a[i]) - f64::from(b[i])).clamp(-12.0, 12.0);
                 (0..3).for_each(|i| self.squares[i] += differs(i).powi(2));
                 self.differences += 1.0;
@@ -192,7 +193,7 @@ fn hsv_range(dry: &[[u8; 3]]) -> Result<[[usize; 3]; 2], InspectError> {
 }
 
 /// Finds the threshold with which the thesis's pipeline agrees best with the truth, from the reference and the last
-/// picture, and the score. Its other settings stay.
+/// picture, and the score of this threshold. The other settings of the pipeline are not changed.
 ///
 /// # Errors
 /// If sizes differ, or OpenCV refuses a picture.

@@ -1,13 +1,13 @@
-//! Determines the broken places from the pixels that look bare, after the film has ended; also determines which
-//! places cannot be judged.
+//! Determines the broken places from the pixels that look bare, after the film has ended; also determines which places
+//! cannot be judged.
 //!
-//! Pixels that looked bare at the end, though not long enough, belong to the break that they touch. A break is
-//! equally bare over its whole area, and the film around it differs from it. A glint that does not move has a
-//! bell-shaped brightness, and equals a bare place only on a ring. The edge of a reflection runs from film to bare
-//! and beyond. A film that happens to look bare has no rim. Such places count as not seen, unless they closed again
-//! soon and moved on. They move on by themselves or, if each is smaller than a break, together with the places
-//! beside them. A small wet place within a break is a bead of water on grease and not a film; it belongs to the
-//! break.
+//! Pixels that looked bare at the end, but for less than the required time, belong to the break that they touch. A
+//! break is equally bare over its whole area, and the film around it differs from it. A glint that does not move has a
+//! bell-shaped brightness, and equals a bare place only on a ring. The edge of a reflection runs from film to bare and
+//! beyond. A film that happens to look bare has no rim. Places with these signs of a glint, a reflection or such a
+//! film count as not seen, unless they closed again soon and moved on. A place moves on by itself or, if it is smaller
+//! than a break, together with the places beside it. A small wet place within a break is a bead of water on grease and
+//! not a film; it belongs to the break.
 
 use super::film::NEVER;
 use super::footprint::Window;
@@ -18,29 +18,30 @@ use std::f64::consts::PI;
 
 /// A piece with fewer connected pixels is noise.
 const MIN_PIECE_PX: usize = 4;
-/// The inner part of a break varies by this share of the brightness that the film takes away, from its first
-/// quarter to its last. Glints and edges of reflections vary by more (`make bench-inspect`).
+/// The brightness of the inner part of a break varies by at most this fraction of the brightness that the film takes
+/// away, from its first quarter to its last. Glints and edges of reflections vary by more (`make bench-inspect`).
 const MAX_UNEVEN: f32 = 0.14;
-/// Noise alone makes the looks of an even place vary by 1.35 σ between their quarters; for a few pixels, by this
-/// many σ.
+/// Noise alone makes the brightness of an even place vary by 1.35 σ from its first quarter to its last; with few
+/// pixels it varies by this many σ.
 const NOISE_SPREAD: f32 = 1.8;
 /// The pixels of a disc that touch its outside form a rim of this width, px.
 const RIM_PX: f64 = 0.9;
-/// A smaller inner part is too small for its evenness to carry information.
+/// An inner part with fewer pixels is too small to judge its evenness.
 const MIN_CORE_PX: usize = 9;
-/// A place lies along a reflection if this share of the pixels around it is brighter than any bare place. Around
-/// breaks, which have rims that mirror lamps, at most 0.12 was found in rendered films.
+/// A place lies along a reflection if at least this fraction of the pixels around it is brighter than any bare place.
+/// Around breaks, which have rims that mirror lamps, at most 0.12 was found in rendered films.
 const ALONG_REFLECTION: f64 = 0.25;
-/// This share of the film around a break must be distinguishable from a bare place. Around means up to `AWAY_PX`
-/// from it, px: beyond the wedge of water at a rim.
+/// At least this fraction of the film around a break must be distinguishable from a bare place. The film around a
+/// break lies up to `AWAY_PX` from the break, px: beyond the wedge of water at a rim.
 const MIN_DISTINGUISHABLE_SHARE: f64 = 0.6;
-/// A pixel of a place that became film looks like at least this share of the film around it, and would be a break
-/// of less than this share …
+/// A pixel of a place became film if it is as bright as at least this fraction of the film pixels around the place,
+/// and if it would be a break relative to less than this fraction of them …
 const MIN_SIMILAR_SHARE_AROUND: f64 = 0.35;
-/// … and this share of the place's pixels looks like that film: the rest is the blurred rim of the place.
+/// … and if at least this fraction of the place's pixels meets both conditions: the rest is the blurred rim of the
+/// place.
 const MAX_ALIKE_SHARE: f64 = 0.6;
-/// A place without a dry look broke if it changed by at least this share of the change by the faintest break; a
-/// smaller change is not sure.
+/// A place without a dry look broke if its brightness changed by at least this fraction of the change by the faintest
+/// break; a smaller change is not certain.
 const FAINTEST_SHARE: f64 = 0.7;
 const AWAY_PX: usize = 3;
 
@@ -61,12 +62,12 @@ pub trait Observed {
     fn looks_bare_since_s(&self, index: usize) -> Option<f32>;
     /// Time for which a pixel that broke was open, s, if the film closed again.
     fn was_open_s(&self, index: usize) -> Option<f32>;
-    /// The look of the pixel while it looked bare, as a share of its dry look; for a place without a dry look, as a
-    /// share of its film's look.
+    /// The pixel's mean brightness while it looked bare, relative to its dry brightness; for a place without a dry
+    /// look, relative to its film's brightness.
     fn bare_look(&self, index: usize) -> f32;
-    /// The look of the pixel's film, as a share of the same look as in `bare_look`.
+    /// The brightness of the pixel's film, relative to the same reference as `bare_look`.
     fn film_look(&self, index: usize) -> f32;
-    /// The standard deviation of `bare_look`, in the same shares.
+    /// The standard deviation of `bare_look`, relative to the same reference.
     fn noise(&self, index: usize) -> f32;
     /// Returns whether the pixel's film is brighter than any bare place.
     fn is_bright(&self, index: usize) -> bool;
@@ -80,13 +81,13 @@ pub trait Observed {
     fn is_inside(&self, index: usize) -> bool;
     /// Returns whether the pixel has no dry look of its own.
     fn is_without_dry(&self, index: usize) -> bool;
-    /// The look of the pixel while it looks bare, and its present look, grey levels, both in the light of the first
-    /// wet picture.
+    /// The pixel's brightness while it looked bare, and its present brightness, grey levels, both in the light of the
+    /// first wet picture.
     fn levels(&self, index: usize) -> [f32; 2];
-    /// A film differs from the film beside it by less than this share of its look.
+    /// The film's brightness at two neighbouring places differs by less than this fraction.
     fn alike_share(&self) -> f32;
-    /// The least and the largest look of a break on a place without a dry look, as a share of its film's look;
-    /// `None` if the range is not known.
+    /// The smallest and the largest brightness of a break on a place without a dry look, relative to the brightness of
+    /// its film; `None` if the range is not known.
     fn break_to_film(&self) -> Option<[f32; 2]>;
 }
 
@@ -95,7 +96,7 @@ pub trait Observed {
 pub struct Settled {
     /// Time at which each pixel broke, s; [`NEVER`] if its film did not break.
     pub broke_s: Vec<f32>,
-    /// Pixels for which it cannot be decided if they broke: these count as holding in `broke_s`.
+    /// Pixels for which it cannot be decided whether they broke: in `broke_s` they count as not broken.
     pub unsure: Vec<usize>,
 }
 
@@ -113,7 +114,7 @@ pub fn settled(window: &Window, broke_s: Vec<f32>, sizes: Sizes, seen: &impl Obs
         match place.judged(sizes.glint_px, seen) {
             Verdict::Broke => continue,
             Verdict::Passed => {}
-            // A place as large as a break must show by itself that it moves.
+            // A place as large as a break is not judged together with others: its own times must show that it moves.
             Verdict::Unsure if piece.len() < sizes.break_px && place.closed_soon(seen) => {
                 short.extend_from_slice(&piece);
             }
@@ -187,8 +188,8 @@ impl Place<'_> {
         if is_break && !(passed && core.len() < MIN_CORE_PX) { Verdict::Broke } else { unless_passed }
     }
 
-    /// Checks whether the bare look moved on. A break is open over its whole area at one time. If a glint passed,
-    /// the first part is film again before the glint reaches the last part.
+    /// Checks whether the place that looked bare moved on. A break is open over its whole area at one time. If a glint
+    /// passed, the first part is film again before the glint reaches the last part.
     fn moved_on(&self, seen: &impl Observed) -> bool {
         let own = || self.piece.iter().copied().filter(|&i| !self.is_bead[i]);
         let mut since_s: Vec<f32> = own().map(|i| self.broke_s[i]).collect();
@@ -203,9 +204,9 @@ impl Place<'_> {
         since_s[since_s.len() - 1 - since_s.len() / 10] > closed_s
     }
 
-    /// Returns the parts of this place that one reflection may have left on its way. The reflection stays long
-    /// enough to look bare here and there, and no part shows by itself that it moves. Parts within twice the
-    /// largest glint's diameter of one another are judged together.
+    /// Groups this place into parts that one moving reflection may have left. Such a reflection looks bare at some
+    /// positions on its path, and no single position shows that it moves. Parts within twice the largest glint's
+    /// diameter of one another are judged together.
     fn trails(&self, glint_px: usize) -> Vec<Vec<usize>> {
         let diameter_px = 2.0 * (glint_px as f64 / PI).sqrt();
         let own: BTreeSet<usize> = self.piece.iter().copied().collect();
@@ -221,10 +222,10 @@ impl Place<'_> {
         own.all(|&i| seen.was_open_s(i).is_some_and(|open_s| f64::from(open_s) <= MOVES_ON_S))
     }
 
-    /// Checks whether a place without a dry look of its own became like the film around it. A glint lay on the
-    /// place while its wet look was learnt, or the water reached the place later. A break differs from the film
-    /// around it. Along an edge of a sanded area only one side looks alike, and the place must not look like a
-    /// break of the film on the other side.
+    /// Checks whether a place without a dry look of its own became as bright as the film around it. This happens if a
+    /// glint lay on the place while its wet look was learnt, or the water reached the place later. A break differs
+    /// from the film around it. Along an edge of a sanded area only the film on one side is as bright, and the place
+    /// must not look like a break of the film on the other side.
     fn became_film(&self, seen: &impl Observed) -> bool {
         let of_film = |i: usize| self.broke_s[i] == NEVER && seen.is_inside(i) && seen.is_without_dry(i);
         let around = self.ring(AWAY_PX, of_film);
@@ -239,8 +240,8 @@ impl Place<'_> {
         // Each pixel is compared individually: the mean of a break over two kinds of film matches neither film.
         let is_film = |i: usize| {
             let [bare, now] = seen.levels(i);
-            // A pixel that still has its other look is compared in the last picture: there it has the same light as
-            // the film around it.
+            // A pixel that has not returned to its film's look is compared in the last picture: there it has the same
+            // light as the film around it.
             let look = if seen.was_open_s(i).is_none() { now } else { bare };
             let is_break_of = |film: f32| {
                 seen.break_to_film().is_none_or(|[least, most]| (least..=most).contains(&(look / film)))
@@ -261,7 +262,7 @@ impl Place<'_> {
         shares.is_empty() || seen.break_to_film().is_some_and(within)
     }
 
-    /// Returns the pixels within a distance around the place, of those for which `counts`.
+    /// Returns the pixels within a distance around the place for which `counts` is true.
     fn ring(&self, away_px: usize, counts: impl Fn(usize) -> bool) -> Vec<usize> {
         let inner: BTreeSet<usize> = self.piece.iter().copied().collect();
         let (mut reached, mut rim) = (inner.clone(), self.piece.to_vec());
@@ -273,7 +274,7 @@ impl Place<'_> {
         reached.into_iter().filter(|i| !inner.contains(i) && counts(*i)).collect()
     }
 
-    /// Returns the pixels of the place that do not lie at its rim and are not beads.
+    /// Returns the pixels of the place that are not at its rim and are not beads.
     fn core(&self) -> Vec<usize> {
         let is_inner =
             |&i: &usize| self.window.raster().neighbours(i, &BESIDE).all(|next| self.broke_s[next] < NEVER);
@@ -281,8 +282,8 @@ impl Place<'_> {
     }
 }
 
-/// Returns how much the looks of a break's inner part may vary between their quarters, from the film around it and
-/// the noise.
+/// Returns the permitted variation of brightness between the first and the last quarter of a break's inner part,
+/// calculated from the film around the break and the noise.
 fn most_spread(core: &[usize], around: &[usize], seen: &impl Observed) -> f32 {
     let mean = |pixels: &[usize], of: &dyn Fn(usize) -> f32| {
         pixels.iter().map(|&i| of(i)).sum::<f32>() / pixels.len().max(1) as f32
@@ -292,21 +293,21 @@ fn most_spread(core: &[usize], around: &[usize], seen: &impl Observed) -> f32 {
     (MAX_UNEVEN * (bare - film)).hypot(NOISE_SPREAD * mean(core, &|i| seen.noise(i)))
 }
 
-/// The variation of these looks, from the first quarter to the last; `None` for few pixels.
+/// The variation of the pixels' brightness from the first quarter to the last; `None` for few pixels.
 fn spread(core: &[usize], seen: &impl Observed) -> Option<f32> {
     let mut looks: Vec<f32> = core.iter().map(|&i| seen.bare_look(i)).collect();
     looks.sort_by(f32::total_cmp);
     (looks.len() >= MIN_CORE_PX).then(|| looks[looks.len() - 1 - looks.len() / 4] - looks[looks.len() / 4])
 }
 
-/// Does a place have the inner part of a disc of its size, or half of that? A trail, and the edge of a reflection,
-/// are thin.
+/// Returns whether a place has at least half of the inner part of a disc of its size. A trail and the edge of a
+/// reflection are thin.
 fn is_compact(size_px: usize, core_px: usize) -> bool {
     let radius_px = (size_px as f64 / PI).sqrt();
     core_px as f64 >= PI * (radius_px - RIM_PX).max(0.0).powi(2) / 2.0
 }
 
-/// Returns the share of the pixels for which `holds`; 1 if there are no pixels.
+/// Returns the fraction of the pixels for which `holds` is true; 1 if there are no pixels.
 fn share(pixels: &[usize], holds: impl Fn(usize) -> bool) -> f64 {
     let count = pixels.iter().filter(|&&i| holds(i)).count();
     if pixels.is_empty() { 1.0 } else { count as f64 / pixels.len() as f64 }
@@ -345,9 +346,10 @@ impl<'a> OfModel<'a> {
     }
 }
 
-/// Returns the least and the largest look of a break on a place without a dry look, as a share of its film's look.
-/// They follow from the film on the places that have a dry look, or from the assumed film if there are none. If the
-/// film is darker than the dry panel at some places and brighter at others, the result is `None`.
+/// Returns the smallest and the largest brightness of a break on a place without a dry look, relative to the
+/// brightness of its film. They follow from the film on the places that have a dry look, or from the assumed film if
+/// there are none. If the film is darker than the dry panel at some places and brighter at others, the result is
+/// `None`.
 pub fn break_to_film(model: &Model) -> Option<[f32; 2]> {
     let [low, high] = model.film_range().unwrap_or([FILM_ASSUMED; 2]);
     let away = FAINTEST_SHARE * 2.0 * model.away_share();

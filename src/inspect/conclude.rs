@@ -80,7 +80,7 @@ impl Watch {
         let mut faint_mm2 = vec![0.0; self.broken_mm2.len()];
         let faint: Vec<usize> = (0..inside.len()).filter(|&i| is_faint(i)).collect();
         faint.iter().for_each(|index| self.footprint.add_area(*index, &mut faint_mm2));
-        // A pixel that broke is known, even if it was hidden at other times.
+        // A pixel that broke has a known result, even if it was hidden at other times.
         let is_lost = |index: usize| since_wet_s[index] == NEVER && !model.saw(index);
         let not_seen: Vec<bool> =
             (0..inside.len()).map(|i| inside[i] && (was_wet[i] || is_unsure[i] || is_lost(i))).collect();
@@ -132,7 +132,7 @@ impl Watch {
     }
 
     fn wet_when_dry(&self, since_wet_s: &[f32], inside: &[bool]) -> Vec<usize> {
-        // If the film is brighter than the dry panel, water leaves no darker place.
+        // If the film is brighter than the dry panel, water in the dry picture is not visible as a darker place.
         let Some(film) = self.model.film().filter(|film| *film < 1.0) else { return Vec::new() };
         let never_wet = |index: usize| inside[index] && self.model.sees(index) && !self.model.ever_wet(index);
         let known = Dryness {
@@ -145,7 +145,7 @@ impl Watch {
         wet_when_dry(self.footprint.window(), &known)
     }
 
-    /// Evaluates each grid by the pixels that broke, in the order of their times.
+    /// Evaluates each grid from the pixels that broke, in the order of their times.
     fn grids(&self, since_wet_s: &[f32], was_wet: &[bool], faint_mm2: &[f64]) -> Vec<GridInspection> {
         let mut broken: Vec<usize> = (0..since_wet_s.len()).filter(|&index| since_wet_s[index] < NEVER).collect();
         // By time and then by index: the time at which a grid failed must not depend on the order of equal times.
@@ -167,8 +167,8 @@ impl Watch {
         let grid = |index: usize| {
             let footprint = &self.footprint.grids()[index];
             let failed = time_to_break_s[index].is_some();
-            // The area that could not be seen must be small: if all of it had broken in addition, the grid would
-            // still not fail.
+            // The area that could not be seen must be small enough: even if all of that area had broken in addition,
+            // the grid would not fail.
             let no_contrast = faint_mm2[index] >= self.demands.min_break_mm2;
             let unknown_mm2 = footprint.lost_mm2 + faint_mm2[index];
             let might_break_mm2 = if failed { unknown_mm2 } else { broken_mm2[index] + unknown_mm2 };
@@ -207,8 +207,8 @@ impl Inspection {
         self.footprint.to_picture(|index| self.since_wet_s[index] <= until_s)
     }
 
-    /// The time at which the film broke at a pixel of the picture, s after the first fully wet picture; `None` if
-    /// it held, and outside of the region.
+    /// The time at which the film broke at a pixel of the picture, s after the first fully wet picture; `None` if the
+    /// film did not break there, and outside of the region.
     pub fn break_time_s(&self, column: usize, row: usize) -> Option<f64> {
         let time = self.since_wet_s[self.footprint.index_of(column, row)?];
         (time < NEVER).then_some(f64::from(time))

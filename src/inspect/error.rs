@@ -29,12 +29,12 @@ pub enum InspectError {
     /// Pictures out of order.
     #[error("a picture at {time_s} s follows one at {previous_s} s; times must increase")]
     TimeOrder {
-        /// The picture's time, s.
+        /// The time of the picture, s.
         time_s: f64,
         /// The time of the previous picture, s.
         previous_s: f64,
     },
-    /// A phase came back after it had ended.
+    /// A phase occurred again after it had ended.
     #[error(
         "the picture at {time_s} s is of phase {phase} after one of phase {previous}; the order is dry, spray, wet"
     )]

@@ -52,7 +52,7 @@ impl Film {
         NewlyBroken { since_wet_s: began_s, pixels }
     }
 
-    /// Notes pixels as broken at this time.
+    /// Marks pixels as broken since this time.
     pub fn mark(&mut self, pixels: &[usize], since_wet_s: f64) {
         for &index in pixels {
             self.since_wet_s[index] = since_wet_s as f32;

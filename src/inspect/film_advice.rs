@@ -17,7 +17,7 @@ use crate::recipe;
 
 /// If a place looked dry for longer than this and then wet again, the film has closed, s.
 const MAX_FLASH_S: f64 = 4.0;
-/// This many pixels are no noise: a break with fewer pixels would not be surely found.
+/// Number of pixels that are more than noise: a break with fewer pixels would not be found reliably.
 const MIN_FLASH_PX: usize = 12;
 
 /// The contrast of one grid, in the brightness that the method uses.
@@ -35,8 +35,7 @@ pub struct GridContrast {
     pub light: f64,
     /// The channel with the largest change by the film relative to the noise: 0 red, 1 green, 2 blue.
     pub channel: usize,
-    /// The contrast in that channel as a multiple of the noise; negative if the film is brighter than the dry
-    /// panel.
+    /// The contrast in that channel as a multiple of its noise; negative if the film is brighter than the dry panel.
     pub channel_to_noise: f64,
     /// The share of the grid, percent, in which the film changes no channel by [`MIN_CHANGE_TO_NOISE`] times its
     /// noise: a break would not show there.
@@ -44,8 +43,8 @@ pub struct GridContrast {
 }
 
 impl GridContrast {
-    /// The contrast that distinguishes film from dry: by the recipe's weights, or in one channel and with either
-    /// sign.
+    /// The larger of two contrasts between film and dry: with the recipe's weights, or the absolute value in the best
+    /// single channel.
     pub fn best_to_noise(&self) -> f64 {
         self.contrast_to_noise.max(self.channel_to_noise.abs())
     }

@@ -23,7 +23,7 @@ use flaws::{shown, worst_flaw};
 /// half of the change, three times the noise from either.
 pub const MIN_CHANGE_TO_NOISE: f64 = 6.0;
 
-/// Names of the checks that report what no single number of a film reports.
+/// Names of the gate's checks. Those that are defined here do not belong to a single number of a film.
 pub mod name {
     pub use crate::record::name::{
         FILM_CHANGE, LIGHT_MAX, LIGHT_MIN, SMALLEST_BREAK, WATCHED, broken_film, failed_after,
@@ -221,7 +221,7 @@ impl Film<'_> {
         ]
     }
 
-    /// Checks how much of each grid was seen, and which grids broke.
+    /// Checks how much of each grid was seen, and on which grids the film broke.
     fn grids(&self) -> Vec<Check> {
         let (grids, min_break_mm2) = (self.grids, self.demands.min_break_mm2);
         // A failed grid stays failed, whatever else on it could not be seen: it is abraded and tested again.

@@ -12,14 +12,14 @@ use crate::geometry::AROUND;
 const MIN_PIECE_PX: usize = 4;
 /// The surroundings of a place lie at this distance from it, pixels: beyond a drop's soft edge.
 const AWAY_PX: std::ops::RangeInclusive<usize> = 4..=9;
-/// Share of a place that must have been wet in no picture.
+/// Fraction of a place's pixels that must not have been wet in any picture.
 const MIN_NEVER_WET: f64 = 0.5;
 
 /// The data of the window's pixels.
 pub struct Dryness<'a> {
-    /// Whether the pixel broke, or was wet in no picture.
+    /// Whether the pixel broke, or was not wet in any picture.
     pub is_suspect: &'a dyn Fn(usize) -> bool,
-    /// Whether the pixel is evaluated and was wet in no picture.
+    /// Whether the pixel is evaluated and was not wet in any picture.
     pub never_wet: &'a dyn Fn(usize) -> bool,
     /// Whether the pixel is evaluated.
     pub sees: &'a dyn Fn(usize) -> bool,

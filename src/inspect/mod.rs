@@ -1,20 +1,19 @@
-//! The water-break test: where, when and on how much surface the water film broke (thesis 4.2–4.4, Fig. 4.9).
+//! The water-break test: where, when and on what area the water film broke (thesis 4.2–4.4, Fig. 4.9).
 //!
-//! **A grid passes only on positive evidence of an unbroken film.** Each place is compared with its own wet look
-//! and, if it still has one, its own dry look ([`model`] states the rule and the limits). The thesis's own pipeline
-//! ([`thesis`], [`film`]) can be chosen instead (`method = "thesis"`). The taught pixels of the region are
-//! projected to the panel's present pose and convert broken pixels into mm² of each grid ([`footprint`]). Each
-//! picture is checked for whether it can be used ([`quality`], [`steady`]). At the end the broken pixels are
-//! assembled ([`conclude`], [`break_mask`], [`pieces`]), without those that were wet already in the dry picture
-//! ([`initially_wet`]). One gate turns all results into a verdict ([`gate`], [`place`]). Pictures are processed one by one
-//! and not kept, so that memory does not grow with the clip.
+//! **A grid passes only on positive evidence of an unbroken film.** Each place is compared with its own wet look and,
+//! if it still has one, its own dry look ([`model`] states the rule and the limits). The thesis's own pipeline
+//! ([`thesis`], [`film`]) can be chosen instead (`method = "thesis"`). The taught pixels of the region are projected
+//! to the panel's present pose and convert broken pixels into mm² of each grid ([`footprint`]). Each picture is
+//! checked for whether it can be used ([`quality`], [`steady`]). At the end the broken pixels are assembled
+//! ([`conclude`], [`break_mask`], [`pieces`]), without those that were wet already in the dry picture
+//! ([`initially_wet`]). One gate turns all results into a verdict ([`gate`], [`place`]). Pictures are processed one by
+//! one and not stored, so that memory does not grow with the clip.
 //!
-//! A dry picture before the spray is part of the test: it determines the lamp, the panel's place and the dry look
-//! of every place that was not sanded since. A place that never becomes wet, or dries under the spray, is a break
-//! at 0 s.
+//! A dry picture before the spray is part of the test: it determines the lamp, the panel's place and the dry look of
+//! every place that was not sanded since. A place that never becomes wet, or dries under the spray, is a break at 0 s.
 //!
-//! Times are counted from the first fully wet picture, by the pictures' time stamps. This module does not locate
-//! the panel and draws nothing.
+//! Times are counted from the first fully wet picture, by the pictures' time stamps. This module does not locate the
+//! panel and draws nothing.
 
 mod advice;
 mod break_mask;

@@ -1,8 +1,8 @@
 //! Places that differ from their surroundings and are narrower than a disc.
 //!
 //! An opening by reconstruction (Vincent, IEEE T-IP 2, 1993) with a disc removes every place of any shape that is
-//! brighter than its surroundings and holds no such disc. All else stays as it is, its corners, too. A closing does
-//! the same for darker places.
+//! brighter than its surroundings and cannot contain such a disc. Everything else stays unchanged, including its
+//! corners. A closing does the same for darker places.
 
 use super::footprint::Window;
 use opencv::core::{self, Mat, MatTraitConstManual, Point, Scalar, Size};
@@ -11,22 +11,22 @@ use opencv::imgproc;
 /// The brightness levels of a window's pixels.
 pub struct Looks<'a> {
     pub window: &'a Window,
-    /// Levels; 0 for a pixel with an unknown look.
+    /// Brightness, levels; 0 for a pixel of unknown brightness.
     pub levels: Vec<f32>,
     /// The radius of the disc, px.
     pub disc_px: usize,
-    /// The smallest relative difference between a place and its surroundings; used if it is not known how breaks
-    /// differ.
+    /// The smallest relative difference between a place and its surroundings; used if it is not known whether breaks
+    /// are brighter or darker than film.
     pub tolerance: f32,
 }
 
-/// A level above that of any look.
+/// A level above the brightness of any pixel.
 const MAX_LEVELS: f32 = 1024.0;
 
 impl Looks<'_> {
-    /// Finds pixels that no disc covers within their look and that differ from their surroundings as a break
-    /// differs from its film. They differ by at least these ratios, of which 1 is no difference. If it is not known
-    /// whether breaks are brighter or darker, pixels that differ in either direction are returned.
+    /// Finds pixels that lie in places too narrow for the disc and that differ from their surroundings as a break
+    /// differs from its film: by at least these ratios, in which 1 means no difference. If it is not known whether
+    /// breaks are brighter or darker, pixels that differ in either direction are returned.
     ///
     /// # Errors
     /// If OpenCV refuses the picture.
@@ -46,11 +46,11 @@ impl Looks<'_> {
         self.apart(&negative, |look, around| MAX_LEVELS - look <= most * (MAX_LEVELS - around))
     }
 
-    /// Finds the known pixels of a picture that differ from the result of its morphological opening.
+    /// Finds the known pixels of a picture that differ from the result of an opening by reconstruction.
     fn apart(&self, picture: &[f32], is_apart: impl Fn(f32, f32) -> bool) -> opencv::Result<Vec<bool>> {
         let (rows, columns) = (self.window.height as i32, self.window.width as i32);
-        // Unknown pixels hide no edge of a place: they have the highest brightness for the erosion, and are dark
-        // for the reconstruction.
+        // Unknown pixels must not form an edge of a place: they have the highest brightness for the erosion, and are
+        // dark for the reconstruction.
         let open: Vec<f32> = picture.iter().map(|&look| if look > 0.0 { look } else { MAX_LEVELS }).collect();
         let open = Mat::new_rows_cols_with_data(rows, columns, &open)?;
         let picture_mat = Mat::new_rows_cols_with_data(rows, columns, picture)?;

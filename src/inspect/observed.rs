@@ -7,10 +7,10 @@ use crate::panel::GridId;
 use crate::recipe::{self, Recipe};
 use crate::verdict::SetBy;
 
-/// Smallest share of the film's duration that usable pictures must cover.
+/// Smallest fraction of the film's duration that usable pictures must cover.
 const MIN_USABLE_SHARE: f64 = 0.8;
-/// Pictures leave a gap if they are farther apart than this number of the recipe's intervals, unless a break has to
-/// last longer to count.
+/// The distance between two pictures is a gap if it exceeds this number of the recipe's intervals, unless a break has
+/// to last longer to count.
 const MAX_GAP_INTERVALS: f64 = 5.0;
 
 /// The demands that the cell's file states because the recipe does not.
@@ -71,8 +71,8 @@ impl Demands {
         }
     }
 
-    /// Returns the shortest time from the first to the last wet picture, s: the last picture of a window may come
-    /// one interval before its end.
+    /// Returns the smallest accepted time from the first to the last wet picture, s: the last picture of a window may
+    /// be taken one interval before the window ends.
     pub fn min_observed_s(&self) -> f64 {
         self.observation_s - 1.001 / self.frames_per_second
     }
@@ -82,7 +82,7 @@ impl Demands {
         MIN_USABLE_SHARE * observed_s
     }
 
-    /// The longest time between two wet pictures, s: a break that a longer gap could hide would count.
+    /// Returns the longest accepted time between two wet pictures, s: a longer gap could hide a break that counts.
     pub fn max_gap_s(&self) -> f64 {
         (MAX_GAP_INTERVALS / self.frames_per_second).max(self.persist_s)
     }
@@ -95,12 +95,12 @@ pub enum Reference {
     DryAndWet,
     /// Only their own wet look: the grid was sanded since the dry picture, or there is no dry picture.
     Wet,
-    /// One for a part of the grid, the other for the rest.
+    /// Both looks for a part of the grid, only the wet look for the rest.
     Both,
 }
 
 impl Reference {
-    /// Selects the reference by the share of a grid that was sanded since the dry picture.
+    /// Selects the reference from the fraction of a grid that was sanded since the dry picture.
     pub(super) fn from_sanded_share(share: f64) -> Self {
         match share {
             0.0 => Reference::DryAndWet,
@@ -131,11 +131,11 @@ pub struct GridInspection {
     /// Whether the grid was seen completely, except for areas too small to make it fail. A grid that was not seen
     /// completely is not passed.
     pub seen: bool,
-    /// Is every part that was not seen masked by the recipe?
+    /// Whether every part that was not seen is masked by the recipe.
     pub only_masked: bool,
-    /// Do film and dry panel look alike on so large an area that a break there would fail the grid?
+    /// Whether film and dry panel look alike on so large an area that a break there would fail the grid.
     pub no_contrast: bool,
-    /// Was so large an area wet already in the dry picture that a break there would fail the grid?
+    /// Whether so large an area was wet already in the dry picture that a break there would fail the grid.
     pub wet_when_dry: bool,
     /// Broken film, mm².
     pub broken_mm2: f64,
@@ -156,24 +156,25 @@ pub struct Observation {
     pub min_break_mm2: f64,
     /// Whether a dry picture was taken.
     pub has_dry: bool,
-    /// Share of the region's surface that was wet in no picture, percent.
+    /// Fraction of the region's surface that was not wet in any picture, percent.
     pub never_wet_percent: f64,
-    /// The share of the panel's dry brightness that the film leaves, 0…1, if the clip determined it.
+    /// The fraction of the panel's dry brightness that remains under the film, 0…1, if the clip determined it.
     pub film_left: Option<f64>,
-    /// By how much the film changes the panel, grey levels: the median over the region, if the clip determined it.
+    /// Change of the panel's brightness by the film, grey levels: the median over the region, if the clip determined
+    /// it.
     pub change_levels: Option<f64>,
     /// The clip's noise: the standard deviation of a pixel of the film from picture to picture, grey levels.
     pub noise_levels: f64,
     /// The smallest break that is certainly found, mm².
     pub detection_limit_mm2: f64,
-    /// Is the panel's place assumed, because none was stated?
+    /// Whether the panel's pose is assumed, because none was stated.
     pub is_place_assumed: bool,
     /// Which pictures were usable for the judgement.
     pub quality: Quality,
 }
 
 impl Observation {
-    /// Returns the largest decrease and the largest increase of the light against the dry picture that are
+    /// Returns the largest decrease and the largest increase of the light relative to the dry picture that are
     /// compensated, percent.
     pub fn light_limits_percent(&self, settings: &recipe::Inspect) -> [f64; 2] {
         let brighter = most_brighter_percent(self.film_left.unwrap_or(FILM_ASSUMED), settings);

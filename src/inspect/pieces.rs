@@ -13,7 +13,7 @@ pub struct Break {
     pub area_mm2: f64,
     /// Time at which the first pixel of the break broke, s after the first fully wet picture.
     pub first_seen_s: f64,
-    /// The share of the break over which the film had closed again at the end, 0…1.
+    /// The fraction of the break over which the film had closed again at the end, 0…1.
     pub closed_share: f64,
     /// The grids in which the break lies, row by row.
     pub grids: Vec<GridId>,
@@ -21,7 +21,7 @@ pub struct Break {
     pub contour_px: Vec<Pixel>,
 }
 
-/// A break counts as closed again if this share of its area is closed.
+/// A break counts as closed again if at least this fraction of its area is closed.
 const CLOSED_SHARE: f64 = 0.8;
 
 impl Break {

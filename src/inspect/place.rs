@@ -1,10 +1,10 @@
-//! Checks before any film runs: is the panel at its pose, and are the pixels fine enough?
+//! Checks before any film runs: whether the panel is at its pose, and whether the pixels are fine enough.
 
 use crate::number_text::apart;
 use crate::verdict::Reason;
 
-/// In the dry picture the panel's outline must be nearer than this to its place by the pose, px. If the panel is in
-/// place, the distance is a few tenths of a pixel, from the errors of pose and calibration.
+/// Largest accepted distance of the panel's outline in the dry picture from its position calculated from the pose, px.
+/// If the panel is in place, the distance is a few tenths of a pixel, from the errors of pose and calibration.
 pub const MAX_OFF_PX: f64 = 1.5;
 
 /// Returns a reason if breaks that must fail a grid may be missed: the smallest break that is surely found is
@@ -22,7 +22,7 @@ pub fn too_coarse(detection_limit_mm2: f64, min_break_mm2: f64) -> Option<Reason
     })
 }
 
-/// Returns why the panel is not at the place where the grids are looked for.
+/// Returns the reason if the panel is not at the place where the grids are looked for.
 pub fn elsewhere(off_px: Option<f64>, (assumed, has_dry): (bool, bool)) -> Option<Reason> {
     let message = match off_px {
         Some(off_px) if off_px <= MAX_OFF_PX => return None,

@@ -1,15 +1,15 @@
-//! Can each picture be used? States what is wrong with the pictures that cannot be used, and how long the film was
-//! not observed because of them.
+//! Decides whether each picture can be used. States what is wrong with the pictures that cannot be used, and how long
+//! the film was not observed because of them.
 
 use super::model::PictureMeasurement;
 use super::steady::OutlineMeasurement;
 use crate::recipe;
 use strum::{EnumCount, VariantArray};
 
-/// A picture with a smaller share of the first picture's sharpness is out of focus.
+/// A picture with less than this fraction of the first picture's sharpness is out of focus.
 pub const MIN_SHARPNESS: f64 = 0.6;
-/// With less sharpness the first picture itself is not sharp. The sharpness is the largest step from pixel to pixel
-/// as a share of the whole edge.
+/// With less sharpness the first picture itself counts as not sharp. The sharpness is the largest step from pixel to
+/// pixel as a fraction of the whole edge.
 pub const MIN_FIRST_SHARPNESS: f64 = 0.2;
 
 /// A reason why a picture cannot be used for the judgement.
@@ -19,7 +19,8 @@ pub enum Flaw {
     Darker,
     /// There is more light than can be compensated, or the film broke everywhere: the two look alike.
     Brighter,
-    /// The lamp flickers, and it cannot be determined if the lamp or water darkened the surroundings of the panel.
+    /// The lamp flickers, and it cannot be determined whether the lamp or water darkened the surroundings of the
+    /// panel.
     Flicker,
     /// Too much of the region is overexposed.
     Bright,
@@ -72,7 +73,7 @@ pub struct Quality {
     pub flawed: [Flawed; Flaw::COUNT],
     /// The longest time without a usable picture, s.
     pub longest_unseen_s: f64,
-    /// The least and the most light of a usable picture, relative to the dry picture.
+    /// The smallest and the largest light of a usable picture, relative to the dry picture.
     pub light: [f64; 2],
     /// The largest movement of the panel in the picture, px; `None` if its outline has no contrast.
     pub moved_px: Option<f64>,
@@ -81,7 +82,8 @@ pub struct Quality {
     pub sharpness: Option<f64>,
     /// The first picture's own sharpness.
     pub first_sharpness: Option<f64>,
-    /// The distance of the outline in the dry picture from its place by the pose, px; `None` if it has no contrast.
+    /// The distance of the outline in the dry picture from its position calculated from the pose, px; `None` if the
+    /// outline has no contrast.
     pub off_px: Option<f64>,
     last_usable_s: f64,
     last_s: f64,
@@ -145,9 +147,9 @@ impl Quality {
     }
 }
 
-/// The most light above the dry picture's that can be compensated if nothing around the panel shows the lamp,
-/// percent. With (1 + τ)/2τ times the dry picture's light, a wet place is as bright as the bound between wet and
-/// dry. The picture then looks the same as for a film that broke all over.
+/// Returns the largest increase of the light over the dry picture that can be compensated if the lamp cannot be
+/// measured around the panel, percent. With (1 + τ)/2τ times the dry picture's light, a wet place is as bright as the
+/// bound between wet and dry. The picture then looks the same as if the film had broken everywhere.
 pub fn most_brighter_percent(film_left: f64, settings: &recipe::Inspect) -> f64 {
     (50.0 * (1.0 / film_left - 1.0)).clamp(0.0, settings.max_light_change_percent())
 }

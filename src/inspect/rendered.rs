@@ -1,4 +1,5 @@
-//! The test on rendered films of a displaced panel: at a quarter of the camera's size, and once at full size.
+//! Tests the inspection on rendered films of a displaced panel: at a quarter of the camera's size, and once at full
+//! size.
 
 use super::*;
 use crate::geometry::{Camera, Mask, Panel, Rigid};
@@ -38,7 +39,7 @@ impl Test {
         let taught = TaughtPanel::learn(&cell.taught_scan(), *cell.scanner(), truth.base_from_camera, &recipe)
             .expect("a panel to learn");
         let camera_from_panel = truth.base_from_camera.inverse() * truth.base_from_panel;
-        // Not less than the area that pixels of this size show surely, also on a displaced panel.
+        // At least the area that pixels of this size detect reliably, also on a displaced panel.
         let limit_mm2 = Footprint::taught_detection_limit_mm2(&taught, recipe.inspect()).expect("in view");
         let min_break_mm2 = (1.2 * limit_mm2).max(5.0);
         let demands = Demands {
@@ -203,8 +204,8 @@ fn a_panel_that_is_hardly_wet_is_no_test() {
     assert!(inspection.judgement.reasons.iter().any(|reason| reason.code == "never_wet"));
 }
 
-/// A panel in its place is measured there within a fraction of a pixel, in any light. A panel that is assumed at
-/// its nominal place but is not there is reported, and so is a place that is a few millimetres off.
+/// The outline of a panel at its pose is found within a fraction of a pixel, in any light. A panel that is assumed at
+/// its nominal pose but is not there is reported, and so is a pose that is a few millimetres wrong.
 #[test]
 fn a_panel_that_stands_elsewhere_is_no_test() {
     for seed in [1, 3, 7] {

@@ -23,19 +23,19 @@ use opencv::core::{self, Mat, MatTraitConstManual, Point, Scalar};
 use opencv::imgproc;
 use rayon::prelude::*;
 
-/// The shimmer of a film is at least this many times the sensor's noise …
+/// A film's shimmer is at least this multiple of the sensor's noise …
 const MIN_SHIMMER: f64 = 1.35;
 /// … and exceeds the value that noise alone would give by at least this many standard deviations.
 const SURE_SIGMA: f64 = 4.5;
-/// The shimmer of still places lies below that factor by at least this many standard deviations.
+/// The shimmer of still places lies below the factor `MIN_SHIMMER` by at least this many standard deviations.
 const STILL_SIGMA: f64 = 3.0;
-/// A place is still if it surely moves less than this share of the water that moves on a film of the clip. More
-/// than this share of the places that look alike is still only if there is no film: on rendered films at most 0.023
-/// was, for 99 % of all places, on bare ones 0.31.
+/// A place is still if its movement is surely less than this fraction of the movement on a film of the clip. If the
+/// second fraction of the places of similar brightness is still, there is no film: on rendered films at most 0.023 was
+/// still, for 99 % of all places, on bare places 0.31.
 const MIN_FILM_SHARE: f64 = 0.2;
 const MAX_STILL_SHARE: f64 = 0.05;
-/// This share of the differences may show a shadow or a glint that passes, and does not count. Fewer other
-/// differences, or fewer places, give no result.
+/// This fraction of the differences, the largest ones, may show a shadow or a glint that passes, and does not count.
+/// With fewer than the following numbers of other differences or of places there is no result.
 const PASSING: f64 = 0.34;
 const MIN_DIFFERENCES: usize = 3;
 const MIN_SITES: f64 = 6.0;
@@ -46,8 +46,8 @@ const NEAREST: usize = 2;
 /// The larger of these squares must itself show movement by at least this many standard deviations. Farther places
 /// confirm it, but places that look alike and move elsewhere are no evidence for a place that is still.
 const NEAR_SIGMA: f64 = 3.0;
-/// Places look alike if their looks differ by at most this many times the noise of one pixel, or by a quarter of
-/// the change that a break causes.
+/// Places have a similar brightness if it differs by at most this many times the noise of one pixel, or by a quarter
+/// of the change that a break causes.
 const ALIKE_SIGMA: f64 = 3.0;
 /// The shape of the smallest break that is surely found, 12 px.
 const SURE_BREAK: [[u8; 4]; 4] = [[0, 1, 1, 0], [1, 1, 1, 1], [1, 1, 1, 1], [0, 1, 1, 0]];
@@ -68,29 +68,31 @@ pub struct Sanded<'a> {
     pub disc_px: usize,
     /// The smallest break that makes a grid fail, px.
     pub break_px: usize,
-    /// The least and the largest look of a break, as a share of its film's look; `None` if the range is not known.
+    /// The smallest and the largest brightness of a break, relative to the brightness of its film; `None` if the range
+    /// is not known.
     pub break_to_film: Option<[f32; 2]>,
 }
 
 /// One place of the lattice.
 #[derive(Debug, Clone, Copy)]
 struct Site {
-    /// The look of the film at this site, levels; 0 for a place that is not judged.
+    /// The brightness of the film at this site, levels; 0 for a place that is not judged.
     look: f64,
-    /// One standard deviation of the site's look in a picture, levels.
+    /// Standard deviation of the site's brightness in one picture, levels.
     noise: f64,
-    /// The site's shimmer in each difference.
+    /// The site's z for each second difference.
     shimmer: [f32; DIFFERENCES],
 }
 
 impl Site {
-    /// Returns the noise of a site as a share of its look.
+    /// Returns the noise of a site relative to its brightness.
     fn noise_share(&self) -> f64 {
         self.noise / self.look
     }
 }
 
-/// The statistics of several places in each difference: the number of places, the sum of their z and the sum of z².
+/// The statistics of several places for each second difference: the number of places, the sum of their z and the sum
+/// of z².
 #[derive(Debug, Clone, Copy, Default)]
 struct Shown([[f64; 3]; DIFFERENCES]);
 
@@ -116,7 +118,7 @@ impl Shown {
         let passing = (PASSING * shown.len() as f64).ceil() as usize;
         let kept = Some(shown.len() - passing).filter(|kept| *kept >= MIN_DIFFERENCES)?;
         let (variance, degrees) = shown[..kept].iter().fold((0.0, 0.0), |sum, it| (sum.0 + it.0, sum.1 + it.1));
-        // Differences that share a span are not independent, so only a third of them is counted.
+        // Differences that share a span are not independent, so only a third of the degrees of freedom is counted.
         Some((variance / kept as f64, (2.0 * 3.0 / degrees).sqrt()))
     }
 }
@@ -130,8 +132,8 @@ impl Sanded<'_> {
         let Some(shimmer) = self.model.shimmer() else { return Ok(vec![false; self.inside.len()]) };
         let lattice = Lattice { sites: self.sites(shimmer), shimmer, tolerance: self.model.away_share() };
         let is_wet = lattice.wet();
-        // A pixel gets the evidence of a site beside it that looks as it does, or of a place beside it that was not
-        // sanded.
+        // A pixel gets the evidence of a neighbouring wet site of similar brightness, or of a neighbouring place that
+        // was not sanded.
         let has_evidence = |i: usize| {
             let (row, column) = (i / self.window.width, i % self.window.width);
             let look = self.look_levels(i);
@@ -179,7 +181,7 @@ impl Sanded<'_> {
     }
 
     /// Returns the pixels without evidence that lie in a place wide enough for the smallest break that is surely
-    /// found. Broken pixels and pixels outside of the region beside them count as part of this place. A thinner
+    /// found. Neighbouring pixels that are broken or outside of the region count as part of this place. A thinner
     /// place cannot hide a break.
     fn wide(&self, without: &[bool]) -> Result<Vec<bool>, ImagingError> {
         let hides = |i: usize| without[i] || !self.inside[i] || self.broke_s[i].is_finite();
@@ -188,9 +190,9 @@ impl Sanded<'_> {
         Ok(without.iter().zip(opened).map(|(without, opened)| *without && opened).collect())
     }
 
-    /// Does a pixel look as the film of places that were not sanded and lie within a site's side from it? The area
-    /// that counts as sanded is wider than the area that a disc touched, and a bare strip would look as the film
-    /// beside it only by chance.
+    /// Returns whether a pixel is as bright as the film of places that were not sanded and lie within a site's side
+    /// from the pixel. The area that counts as sanded is wider than the area that a disc touched, and a bare strip
+    /// would be as bright as the film beside it only by chance.
     fn is_like_film_beside(&self, row: usize, column: usize, look: f64) -> bool {
         let near =
             |at: usize, end: usize| at.saturating_sub(Shimmer::SIDE_PX)..(at + Shimmer::SIDE_PX + 1).min(end);
@@ -212,13 +214,13 @@ impl Sanded<'_> {
             && model.saw(i)
     }
 
-    /// Returns the look of a pixel's film, levels. For a place that left its wet look and became film, returns the
-    /// look at the end.
+    /// Returns the brightness of a pixel's film, levels. For a place that left its wet look and became film, returns
+    /// the brightness at the end.
     fn look_levels(&self, i: usize) -> f64 {
         if self.model.is_open(i) { f64::from(self.model.levels(i)[0]) } else { self.model.wet_look_levels(i) }
     }
 
-    /// Returns the looks of the film that did not break, levels; 0 elsewhere.
+    /// Returns the brightness of each pixel with film that did not break, levels; 0 elsewhere.
     fn looks(&self) -> Vec<f32> {
         let holds = |i: usize| self.inside[i] && self.broke_s[i].is_infinite() && self.model.saw(i);
         (0..self.inside.len()).map(|i| if holds(i) { self.look_levels(i) as f32 } else { 0.0 }).collect()
@@ -235,7 +237,7 @@ impl Sanded<'_> {
             let counts =
                 |i: &usize| self.inside[*i] && self.model.is_without_dry(*i) && self.broke_s[*i].is_infinite();
             let mut looks: Vec<f64> = pixels.iter().filter(|i| counts(i)).map(|i| self.look_levels(*i)).collect();
-            // A part of a site shows too little of what is common to the whole site.
+            // Less than half of a site does not represent what is common to the whole site.
             if looks.len() < Shimmer::SIDE_PX * Shimmer::SIDE_PX / 2 {
                 return None;
             }
@@ -254,7 +256,7 @@ fn opened(window: &Window, bytes: &[u8]) -> opencv::Result<Vec<bool>> {
     let kernel = Mat::from_slice_2d(&SURE_BREAK)?;
     let (border, kind) = (Scalar::all(1.0), core::BORDER_CONSTANT);
     let (mut eroded, mut opened) = (Mat::default(), Mat::default());
-    // An even kernel has no middle: the second step returns by the way of the first one.
+    // A kernel with an even side has no middle: the dilation must use the opposite anchor of the erosion.
     imgproc::erode(&mask, &mut eroded, &kernel, Point::new(1, 1), 1, kind, border)?;
     imgproc::dilate(&eroded, &mut opened, &kernel, Point::new(2, 2), 1, kind, Scalar::all(0.0))?;
     Ok(opened.data_bytes()?.iter().map(|&byte| byte > 0).collect())
@@ -264,7 +266,7 @@ fn opened(window: &Window, bytes: &[u8]) -> opencv::Result<Vec<bool>> {
 struct Lattice<'a> {
     sites: Vec<Site>,
     shimmer: &'a Shimmer,
-    /// Half of the change that a break causes in a film, as a share of the film's look.
+    /// Half of the change that a break causes in a film, as a fraction of the film's brightness.
     tolerance: f64,
 }
 
@@ -276,14 +278,15 @@ impl Lattice<'_> {
         let mut known: Vec<f64> = water.iter().flatten().copied().collect();
         let Some(film) = median(&mut known) else { return vec![false; water.len()] };
         let is_still: Vec<bool> = sites.clone().into_par_iter().map(|at| self.is_still(at, film)).collect();
-        // Drops that run over a bare place move as well, on a part of it: the rest is still, and looks alike.
+        // Drops that run over a bare place move as well, but only on a part of the place: the rest is still and of
+        // similar brightness.
         let is_wet =
             |at: usize| water[at].is_some() && !is_still[at] && self.still_share(at, &is_still) <= MAX_STILL_SHARE;
         sites.into_par_iter().map(is_wet).collect()
     }
 
-    /// Returns how much the water on a site moves: the variance of the site's look in excess of the noise, relative
-    /// to the look; `None` without evidence.
+    /// Returns the strength of the water's movement on a site: the variance of the site's brightness in excess of the
+    /// noise, relative to the brightness; `None` without evidence.
     fn water(&self, at: usize) -> Option<f64> {
         let site = &self.sites[at];
         if site.look <= 0.0 {
@@ -305,7 +308,7 @@ impl Lattice<'_> {
         None
     }
 
-    /// Checks from the nearest places whether a site surely moves less than a film of this clip.
+    /// Checks with the nearest places whether a site surely moves less than a film of this clip.
     fn is_still(&self, at: usize, film: f64) -> bool {
         let site = &self.sites[at];
         if site.look <= 0.0 {
@@ -318,7 +321,7 @@ impl Lattice<'_> {
         })
     }
 
-    /// Returns the share of still sites among the near sites that look like this one.
+    /// Returns the fraction of still sites among the nearby sites of similar brightness.
     fn still_share(&self, at: usize, is_still: &[bool]) -> f64 {
         let (mut still, mut all) = (0, 0);
         self.near_alike(at, RADII[RADII.len() - 1], |near| {
@@ -328,14 +331,14 @@ impl Lattice<'_> {
         still as f64 / all.max(1) as f64
     }
 
-    /// Returns the combined statistics of the near places that look like this one.
+    /// Returns the combined statistics of the nearby places of similar brightness.
     fn alike(&self, at: usize, radius: usize) -> Shown {
         let mut shown = Shown::default();
         self.near_alike(at, radius, |near| shown.add(&self.sites[near]));
         shown
     }
 
-    /// Calls `takes` for each site that looks like this one, within a square around this site.
+    /// Calls `takes` for each site of similar brightness within a square around this site.
     fn near_alike(&self, at: usize, radius: usize, mut takes: impl FnMut(usize)) {
         let own = &self.sites[at];
         let alike = (self.tolerance / 2.0 * own.look).max(ALIKE_SIGMA * own.noise);

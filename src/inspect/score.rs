@@ -3,7 +3,7 @@
 use super::{InspectError, Inspection};
 use crate::geometry::Mask;
 
-/// Agreement of two masks, each a share 0…1. If there is nothing to find and nothing was found, all are 1.
+/// Agreement of two masks, each value 0…1. If there is nothing to find and nothing was found, all values are 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Score {
     /// The number of pixels in both masks divided by the number of pixels in at least one of them.
@@ -44,8 +44,8 @@ pub fn score(mask: &Mask, truth: &Mask, region: &Mask) -> Result<Score, InspectE
     Ok(Score { iou: share(found + real - both), precision: share(found), recall: share(real) })
 }
 
-/// As [`score`], without the pixels within one pixel of the truth's rim: no picture shows more exactly where a rim
-/// lies.
+/// As [`score`], without the pixels within one pixel of the truth's rim: no picture shows the position of a rim more
+/// exactly.
 ///
 /// # Errors
 /// As [`score`].

@@ -1,17 +1,18 @@
-//! Has the panel moved, and is it in focus? Both are measured at its outline, which is visible wet or dry.
+//! Measures whether the panel has moved and whether the picture is in focus. Both are measured at the panel's outline,
+//! which is visible wet or dry.
 //!
-//! Across the outline, the gradient of a profile has its centre at the edge, and the height of its peak measures
-//! the sharpness. Neither changes with the light, nor with the film inside. For edges with normals nᵢ that moved by
-//! δᵢ, the panel moved by the d that minimises  Σ (nᵢ·d − δᵢ)²,  without outliers.  (1)
+//! Across the outline, the gradient of a profile has its centre at the edge, and the height of its peak measures the
+//! sharpness. Neither centre nor peak changes with the light or with the film on the panel. For edges with normals nᵢ
+//! that moved by δᵢ, the panel moved by the d that minimises  Σ (nᵢ·d − δᵢ)²,  without outliers.  (1)
 //!
-//! Grey levels show the edge on most panels. They do not if a wet panel is as grey as the background beside it.
-//! Then each profile is measured in the channel in which its edge has the most contrast; the remaining profiles
-//! must agree and must constrain the panel in both directions. An outline without contrast is reported as not
-//! measurable: this does not mean that the panel moved.
+//! Grey levels show the edge on most panels, but not if a wet panel is as grey as the background beside it. In that
+//! case each profile is measured in the channel in which its edge has the most contrast; the remaining profiles must
+//! agree and must constrain the panel in both directions. An outline without contrast is reported as not measurable:
+//! this does not mean that the panel moved.
 //!
-//! Is the panel at its located pose? The same profiles in the taught picture give the position of the edge on each
-//! when the panel is at its pose. In the dry picture of a panel at this pose each edge is at the same position of
-//! its profile.
+//! Also checks whether the panel is at its located pose. The same profiles in the taught picture give the expected
+//! position of the edge in each profile. If the panel is at its pose, each edge in the dry picture is at the expected
+//! position of its profile.
 
 mod profile;
 
@@ -22,26 +23,26 @@ use profile::{Edge, EdgeLocation, GRAY, MIN_CONTRAST, Profile, REACH_PX, VIEWS, 
 
 /// The number of places on the outline.
 const PLACES: usize = 240;
-/// With fewer profiles nothing is reported.
+/// With fewer profiles no result is reported.
 const MIN_PROFILES: usize = 40;
-/// This share of the first picture's contrast must remain, in grey levels and in the channels.
+/// At least this fraction of the first picture's contrast must remain, in grey levels and in the channels.
 const MIN_LEFT: [f32; 2] = [0.3, 0.2];
-/// This percentage of the profiles must be seen in grey levels, or else in the channels.
+/// At least this percentage of the profiles must be seen in grey levels, or else in the channels.
 const MIN_SEEN_PERCENT: [f64; 2] = [50.0, 25.0];
-/// In the channels: this many profiles' worth must hold the panel in its weakest direction, and this share of them
-/// must agree with the whole within this many pixels.
+/// In the channels: the panel must be constrained in its weakest direction by at least this many profiles, and at
+/// least this fraction of the profiles must agree with the common movement within this many pixels.
 const MIN_HOLD: f32 = 10.0;
 const MIN_AGREE: f64 = 0.6;
 const AGREE_PX: f32 = 1.0;
-/// A profile of the taught picture is expected again if its contrast in today's light is at least this many times
-/// the smallest contrast.
+/// An edge of the taught picture is expected in the dry picture if its contrast in the present light is at least this
+/// many times the smallest contrast.
 const SURE_CONTRAST: f32 = 1.5;
 
 /// The outline in the dry picture.
 #[derive(Debug)]
 pub struct Outline {
     places: Vec<EdgeLocation>,
-    /// The edges of the taught picture at each place, with the panel at its taught place.
+    /// The edges at each place in the taught picture, with the panel at its taught pose.
     taught: Vec<[Profile; VIEWS]>,
     first: Vec<[Option<Edge>; VIEWS]>,
 }
@@ -62,17 +63,17 @@ pub enum OutlineMeasurement {
     NoContrast,
     /// Too little of the first picture's outline is seen to determine whether it moved: only this many percent.
     Lost(f64),
-    /// Enough of the outline is seen, but the seen parts do not lie as those of one moved panel would.
+    /// Enough of the outline is seen, but its parts do not agree on one movement of the panel.
     Disagrees,
     /// The outline is seen.
     Measured(Steadiness),
 }
 
-/// The least share of the outline from which a picture shows whether the panel moved, percent.
+/// The smallest part of the outline from which a picture shows whether the panel moved, percent.
 pub const MIN_OUTLINE_SEEN_PERCENT: f64 = MIN_SEEN_PERCENT[1];
 
 impl Outline {
-    /// The taught outline at the panel's present place.
+    /// Creates the taught outline at the panel's present pose.
     pub fn new(taught: &TaughtPanel, camera: &PinholeCamera, camera_from_panel: Rigid<Camera, Panel>) -> Self {
         let nominal = taught.panel_from_camera.inverse();
         let project = |&point| {
@@ -102,10 +103,10 @@ impl Outline {
         Outline { places, taught, first: Vec::new() }
     }
 
-    /// The distance of the panel's outline in this dry picture from its place by the pose, px. It is the larger of
-    /// its shift, by (1), and the median of its profiles, which shows turns and another distance. If most of the
-    /// outline is not within reach of the profiles, the distance is larger than their reach. `None` if the outline
-    /// has too little contrast for a measurement.
+    /// Returns the distance of the panel's outline in this dry picture from its position calculated from the pose, px.
+    /// It is the larger of the outline's shift, by (1), and the median of the profiles' offsets, which also shows
+    /// rotations and another distance from the camera. If most of the outline is not within reach of the profiles,
+    /// their reach is returned. `None` if the outline has too little contrast for a measurement.
     pub fn off_px(&self, picture: &ColorPicture) -> Option<f64> {
         let now: Vec<[Profile; VIEWS]> = self.places.iter().map(|place| profiles(place, picture)).collect();
         let light: [f32; VIEWS] = std::array::from_fn(|view| {
@@ -146,8 +147,8 @@ impl Outline {
         by(&|_| GRAY).or_else(|| by(&best))
     }
 
-    /// Sets this picture as the reference for later ones and returns its own sharpness: the largest step as a share
-    /// of the edge; `None` if the outline has no contrast.
+    /// Sets this picture as the reference for later ones and returns its own sharpness: the largest step as a fraction
+    /// of the edge's contrast; `None` if the outline has no contrast.
     pub fn begin(&mut self, picture: &ColorPicture) -> Option<f64> {
         self.first = self.places.iter().map(|place| edges(place, picture)).collect();
         let sharpness = |view: &dyn Fn(&[Option<Edge>; VIEWS]) -> Option<Edge>| {
@@ -212,12 +213,12 @@ fn percent(part: usize, whole: usize) -> f64 {
     100.0 * part as f64 / whole.max(1) as f64
 }
 
-/// Returns the edge with the most contrast among a place's views.
+/// Returns the edge with the highest contrast among the views of a place.
 fn clearest(edges: &[Option<Edge>; VIEWS]) -> Option<Edge> {
     edges.iter().flatten().copied().reduce(|a, b| if b.contrast > a.contrast { b } else { a })
 }
 
-/// Returns the edges that still have at least this share of their contrast.
+/// Returns the edges that still have more than this fraction of their first contrast.
 fn seen_again(pairs: &[(EdgeLocation, Edge, Option<Edge>)], least: f32) -> Vec<(EdgeLocation, Edge, Edge)> {
     let kept = |&(place, first, now): &(EdgeLocation, Edge, Option<Edge>)| {
         now.filter(|now| now.contrast > least * first.contrast).map(|now| (place, first, now))
@@ -234,7 +235,7 @@ fn steadiness(seen: &[(EdgeLocation, Edge, Edge)]) -> Steadiness {
     Steadiness { moved_px: f64::from(moved(&shifts(seen)).norm()), sharpness: f64::from(middle(&mut sharp)) }
 }
 
-// (1), four times, without the residuals above three times the median
+// Evaluates (1) four times; from the second time on, without the residuals above three times the median.
 fn moved(shifts: &[(Vector2<f32>, f32)]) -> Vector2<f32> {
     let mut d = Vector2::zeros();
     let mut bound = f32::INFINITY;

@@ -5,11 +5,12 @@
 //!     changed if max over the channels of g ≥ threshold
 //!     broken if changed, and H, S, V of the test picture are in the range of a dry pixel           (4.3–4.5)
 //!
-//! The thesis leaves open how the three channels become one binary picture. Here the largest counts, each channel's
-//! difference by its weight, the heaviest being 1 (`channel_weights`). The reason: a film changes the panel most in
-//! one channel (its blue one, 4.2), and the grey of the difference would dilute that one by the others. The thesis
-//! masks the test picture and filters the masked one by HSV, and black means masked out. Here the two binary
-//! pictures are combined by an "and", which is the same and lets the range contain black.
+//! The thesis leaves open how the three channels become one binary picture. Here each channel's difference is
+//! multiplied by its weight, with a largest weight of 1 (`channel_weights`), and the largest result counts. The
+//! reason: a film changes the panel most in one channel (the blue one, 4.2), and a grey value of the difference would
+//! dilute this channel by the others. The thesis masks the test picture and filters the masked one by HSV, and black
+//! means masked out. Here the two binary pictures are combined by an "and", which has the same result and allows black
+//! in the range.
 //!
 //! H, S and V are OpenCV's 8-bit ones: H/2 in 0…179, S and V in 0…255, and a negative hue wraps by 360°.
 
@@ -22,8 +23,8 @@ use crate::recipe;
 use opencv::core::{self, CV_8U, Mat, MatTraitConst, MatTraitConstManual, Rect};
 use opencv::imgproc;
 
-/// Returns how far the medians look beyond a window: a window that is wider by this margin gives the same pixels as
-/// the whole picture.
+/// Returns how far the median filters look beyond a window: a window that is wider by this margin gives the same
+/// pixels as the whole picture.
 pub fn margin_px(settings: &recipe::Inspect) -> usize {
     settings.median_passes() * (settings.median_px() / 2)
 }
@@ -59,7 +60,7 @@ pub fn hsv_of(picture: &ColorPicture) -> Result<Vec<[u8; 3]>, ImagingError> {
     named("hue, saturation and value", hue_saturation_value(&crop(picture, &whole)?))
 }
 
-/// Which pixels of `test` differ from `reference`, row by row.
+/// Returns the pixels of `test` that differ from `reference`, row by row.
 pub fn changed(settings: &recipe::Inspect, reference: &Mat, test: &Mat) -> Result<Vec<bool>, ImagingError> {
     let largest = named("the difference to the reference", adjusted_difference(settings, reference, test))?;
     let threshold = settings.threshold();
@@ -88,7 +89,7 @@ fn adjusted_difference(settings: &recipe::Inspect, reference: &Mat, test: &Mat) 
     Ok(channels.iter().map(weighed).collect())
 }
 
-/// Which pixels have the colour of a dry panel, row by row.
+/// Returns the pixels that have the colour of a dry panel, row by row.
 pub fn looks_dry(settings: &recipe::Inspect, test: &Mat) -> Result<Vec<bool>, ImagingError> {
     let (low, high) = (settings.hsv_min(), settings.hsv_max());
     let in_range = |hsv: &[u8; 3]| (0..3).all(|i| (low[i]..=high[i]).contains(&usize::from(hsv[i])));

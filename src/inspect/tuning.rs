@@ -1,5 +1,5 @@
-//! The gate of a clip that is recorded to set up lamp, camera and recipe. It checks whether the light and the
-//! method's settings are fit for the test. The findings are for a person.
+//! The gate of a clip that is recorded to set up lamp, camera and recipe. It checks whether the light and the method's
+//! settings are suitable for the test. The findings are addressed to a person.
 
 use super::advice::Advice;
 use super::film_advice::GridContrast;
@@ -10,15 +10,16 @@ use crate::number_text::{apart, fixed};
 use crate::panel::GridId;
 use crate::verdict::{Check, Reason, SetBy, Severity};
 
-/// A contrast of fewer times the noise is too small to distinguish wet from dry.
+/// If the contrast is less than this multiple of the noise, wet and dry cannot be distinguished.
 pub const MIN_CONTRAST_TO_NOISE: f64 = 5.0;
-/// Share of a grid, percent, that may look alike under a film and dry, as greasy places do.
+/// Part of a grid, percent, that may look the same under a film and dry, as greasy places do.
 const MAX_FAINT_PERCENT: f64 = 10.0;
-/// A panel with fewer grey levels when dry needs more light first.
+/// A panel with fewer grey levels when dry needs more light.
 const DARK_LEVELS: f64 = 40.0;
-/// Light that is less even makes a part of the panel dark or overexposed earlier than the rest.
+/// Smallest accepted evenness: with less even light, a part of the panel becomes dark or overexposed earlier than the
+/// rest.
 const MIN_EVENNESS: f64 = 0.6;
-/// Share of the dry region that may be overexposed.
+/// Fraction of the dry region that may be overexposed.
 const MAX_OVEREXPOSED: f64 = 0.001;
 
 /// The results of a clip for the film method.
@@ -119,7 +120,7 @@ fn contrast(what: &str, contrast_to_noise: f64) -> Check {
         })
 }
 
-/// The places where a break would not show, and a remedy.
+/// Returns a check for the places where a break would not show, with a remedy.
 fn faint(grids: &[GridContrast]) -> Option<Check> {
     let most = grids.iter().map(|grid| grid.faint_percent).max_by(f64::total_cmp)?;
     let check = Check::new("part of a grid that looks wet as it does dry, at most", "%", most);

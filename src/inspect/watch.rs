@@ -36,7 +36,7 @@ pub struct Watch {
     pub(super) footprint: Footprint,
     pub(super) outline: Outline,
     pub(super) model: Model,
-    /// Present if the recipe requests the thesis's method, which then decides what broke.
+    /// Present if the recipe requests the thesis's method, which then decides which pixels broke.
     pub(super) thesis: Option<thesis::OverTime>,
     pub(super) quality: Quality,
     pub(super) is_place_assumed: bool,
@@ -64,7 +64,8 @@ pub struct Step {
 }
 
 impl Watch {
-    /// Begins a test of a panel at its present place. `demands` state the duration of the test and what fails.
+    /// Begins a test of a panel at its present pose. `demands` state the duration of the test and the criteria for a
+    /// failure.
     ///
     /// # Errors
     /// If the region is not in the picture at all.
@@ -128,7 +129,7 @@ impl Watch {
         }
     }
 
-    /// Assumes the panel at its nominal place, because no place was stated; the dry picture must confirm this.
+    /// Assumes the panel at its nominal pose, because no pose was stated; the dry picture must confirm this.
     pub fn assume_place(&mut self) {
         self.is_place_assumed = true;
     }
@@ -221,7 +222,7 @@ impl Watch {
         }
     }
 
-    /// The time at which a pixel of the window broke as far as is known, s; [`NEVER`] if it did not.
+    /// Returns the time at which a pixel of the window broke, as far as is known, s; [`NEVER`] if it did not break.
     pub(super) fn broke_s(&self, index: usize) -> f32 {
         match &self.thesis {
             Some(thesis) => thesis.times_s()[index],
@@ -229,8 +230,8 @@ impl Watch {
         }
     }
 
-    /// Returns why the panel is not at the place where the grids are looked for, by the dry pictures so far; `None`
-    /// if it is there.
+    /// Returns why the panel is not at the place where the grids are looked for, according to the dry pictures so far;
+    /// `None` if the panel is there.
     pub fn stands_elsewhere(&self) -> Option<Reason> {
         elsewhere(self.quality.off_px, (self.is_place_assumed, self.model.has_dry()))
     }

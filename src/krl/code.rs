@@ -74,11 +74,11 @@ pub enum Op {
     LoadGlobal(u32),
     /// See [`Op::LoadGlobal`].
     LoadLocal(u32),
-    /// Replaces an address by this many cells from there.
+    /// Replaces an address by the values of this many cells from this address on.
     LoadBlock(u32),
-    /// Pops a value and the address below it, and writes.
+    /// Pops a value and the address below it, and writes the value to the address.
     Store,
-    /// Pops this many cells and the address below them, and writes.
+    /// Pops this many cells and the address below them, and writes the cells to the address.
     StoreBlock(u32),
     /// As [`Op::StoreBlock`], for `{…}`, in which components may be left out.
     StoreAggregate(u32),
@@ -98,7 +98,7 @@ pub enum Op {
     Binary(Binary),
     /// Applies `:` to two frames of 6 numbers.
     Geometric,
-    /// Keeps the first cells of this many, drops the others: a FRAME of a POS.
+    /// Keeps the first cells of this many and drops the others, for example to get a FRAME from a POS.
     Keep { first: u32, of: u32 },
     /// Continues at another step.
     Jump(u32),
@@ -123,10 +123,10 @@ pub enum Op {
     Motion { motion: Motion, axes: bool, approximates: Option<Approximation> },
     /// Pops seconds.
     WaitSeconds,
-    /// Pops a BOOL; if it is FALSE, begins again at this step.
+    /// Pops a BOOL; if it is FALSE, continues at this step, which evaluates the condition again.
     WaitFor(u32),
-    /// Pops a number. The condition begins behind this step, the call at `call`, and the program continues at
-    /// `after`.
+    /// Pops the number of the interrupt. The code of the condition begins at the next step, the code of the call at
+    /// `call`, and the program continues at `after`.
     InterruptDeclaration { global: bool, call: u32, after: u32 },
     /// Pops a number.
     InterruptSwitch { on: bool },
@@ -144,7 +144,8 @@ pub enum Op {
     Halt,
     /// CONTINUE
     Continue,
-    /// Pops priority, delay and distance. The call begins behind this step.
+    /// Pops priority, delay and distance. The code of the call begins at the next step, and the program continues at
+    /// `after`.
     Trigger { after: u32 },
 }
 

@@ -1,8 +1,9 @@
 //! Compiles KRL files to one program: names, types, memory, steps; and reports all their problems.
 //!
-//! `types` declares structures and enumerations, `data` lays out the data lists, `place` finds variables, `value`
-//! and `operate` compile expressions, `call` arguments, `body` and `motion` statements. `flow` finds what may be
-//! read before it was assigned and what may end without RETURN; `memories` checks what EthernetKRL reads.
+//! `types` declares structures and enumerations, `data` lays out the data lists, `place` finds variables, `value` and
+//! `operate` compile expressions, `call` arguments, `body` and `motion` statements. `flow` finds variables that may be
+//! read before they are assigned, and functions that may end without RETURN; `memories` checks the memories that
+//! EthernetKRL reads.
 
 mod body;
 mod call;

@@ -1,25 +1,26 @@
-//! Steps that are combined, for speed: an expression without calls, a jump on it, an assignment of it.
+//! Combines steps for speed: an expression without calls, a jump on the value of an expression, or an assignment of
+//! that value.
 //!
-//! The list of steps stays as it is: it defines the meaning of a program, and it is followed if one of the steps
-//! may wait for the arm. For each step it is stored what begins there and how far it reaches, so that jumps lead to
-//! the same steps as before.
+//! The list of steps is not changed: it defines the meaning of a program, and is executed step by step if one of the
+//! steps may wait for the arm. For each step, the combined operation that begins there and the next step are stored,
+//! so that jumps lead to the same steps as before.
 
 use super::code::{Cell, Op, Space};
 use super::syntax::Binary;
 use super::system::SYSTEM_VARIABLES;
 
-/// The maximum number of values that wait on the stack. More values are a list instead of an expression, and a list
-/// is never condensed.
+/// The maximum number of values on the stack of one expression. More values are a list and not an expression, and a
+/// list is never condensed.
 const MAX_STACK_DEPTH: usize = 32;
 
-/// The operation into which the steps from an index onward are combined.
+/// The operation that combines the steps from one index onward.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Together {
     /// Nothing but themselves.
     Nothing,
     /// The steps put a value on the stack.
     Value { value: u32, next: u32 },
-    /// A jump if the value is FALSE; `at` is its step.
+    /// The steps jump if a value is FALSE; `at` is the index of the jump.
     Branch { value: u32, at: u32, to: u32, next: u32 },
     /// The steps assign a value to a memory location.
     Assign { place: u32, value: u32, next: u32 },
@@ -47,7 +48,7 @@ pub(super) enum Value {
     ForTest([u32; 3]),
 }
 
-/// The beginning of a place.
+/// The start of a memory location.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Start {
     Space(Space),
@@ -222,7 +223,7 @@ impl Reading<'_> {
                 if !matches!(operator, Binary::And | Binary::Or) {
                     return self.push(Value::Binary(operator, left, last));
                 }
-                // Both sides of this operator, and of no other, have been read here.
+                // The right side of this operator, and of no other, must end at this step.
                 (self.decided.pop()? == next).then_some(())?;
                 self.push(Value::Decided { operator, left, right: last })
             }
@@ -235,8 +236,8 @@ impl Reading<'_> {
     }
 }
 
-/// Returns whether reading or writing a memory location stops the advance run. A variable that the caller passed
-/// may do this.
+/// Returns whether reading or writing a memory location may stop the advance run. For a variable that the caller
+/// passed, this is assumed.
 fn may_wait(place: &MemoryRef) -> bool {
     match place.start {
         Start::Space(Space::System(index)) => SYSTEM_VARIABLES[index as usize].stops_advance,

@@ -4,7 +4,7 @@ use super::lex::Token;
 use super::limits::{EXPRESSION_DEPTH, OPERATORS};
 use super::syntax::{Binary, Call, Expression, Step, Unary, VariableRef};
 
-/// The reason why a line is not read.
+/// The reason why a line was not read.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Unread {
     /// A controller refuses the line.
@@ -103,7 +103,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Continues behind this word; false if it does not follow directly, or behind indices.
+    /// Skips to this word and continues after it; false if the line ends or `=` follows first.
     pub(super) fn skip_to_word(&mut self, word: &str) -> bool {
         while !self.is_word(word) && self.peek().is_some() && !self.is_sign("=") {
             self.at += 1;

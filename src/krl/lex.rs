@@ -228,7 +228,7 @@ mod tests {
         assert_eq!(words("END\u{a0}\0\0"), "END");
     }
 
-    /// The text before the fault is kept, so that a block does not lose its first word.
+    /// The tokens before the error are kept, so that a block does not lose its first word.
     #[test]
     fn what_cannot_be_read_is_reported() {
         for line in ["A=\"x", "A=2147483649", "A='Q1'", "A=1 % 2", "A=#", "A=1.0E99", "A='H'", "A='"] {

@@ -11,11 +11,11 @@ pub(super) const EXPRESSION_DEPTH: usize = 100;
 pub(super) const OPERATORS: usize = 200;
 /// The maximum number of values in one array or structure; more do not fit into a controller's memory.
 pub(super) const ARRAY_VALUES: usize = 10_000_000;
-/// The maximum number of values that are allocated for the execution, in all data lists together or in one routine.
+/// The maximum number of values that are allocated to execute a program, in all data lists together or in one routine.
 pub(super) const MEMORY_VALUES: usize = 1_000_000;
-/// Values, and components, of a structure with aggregates that are executed.
+/// The maximum size of a structure, in values and in components, of which aggregates are executed.
 pub(super) const AGGREGATE_VALUES: usize = 256;
-/// The maximum number of steps of the execution; a larger program is only checked.
+/// The maximum number of steps of an executable program; a larger program is only checked.
 pub(super) const STEPS: usize = 2_000_000;
 /// The maximum number of reported problems, and of warnings, for one file.
 pub(super) const REPORTS: usize = 1_000;

@@ -1,17 +1,17 @@
 //! KUKA's robot language: read, checked, and, as far as the cell's programs use it, compiled to steps that the mock
 //! controller executes. `panelprep check` uses the same reader for programs of other people.
 //!
-//! Three groups are kept apart. Read and executed: the statements of the shipped programs. Read and only checked,
-//! so that an execution stops with the line: GOTO, circles, splines, relative motions, texts in variables, names
-//! that no file declares. Not read: the rest, with a warning that has the line and begins with "not checked".
-//! README.md beside this file states the source of each rule.
+//! Three groups are distinguished. Read and executed: the statements of the shipped programs. Read and only checked,
+//! so that execution stops with a message that has the line: GOTO, circles, splines, relative motions, texts in
+//! variables, names that no file declares. Not read: the rest, with a warning that has the line and begins with "not
+//! checked". README.md beside this file states the source of each rule.
 //!
 //! - the text: `lex` (a line to tokens), `parse`, `declaration`, `statement`, `motion` and `expression` (lines to a
 //!   tree), `syntax` (the tree)
 //! - the meaning: `types` and `kuka_types` (and the memory that each needs), `system` (the controller's own
 //!   variables), `routines` (its own routines), `compile` (names, types, steps), `code` (the steps), `program` (all
 //!   of them), `condense` (several of them as one), `machine` (executes them)
-//! - `limits` bounds all of it for any input
+//! - `limits`: upper bounds of time, memory and recursion depth for any input
 
 mod code;
 mod compile;

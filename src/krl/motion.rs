@@ -74,7 +74,7 @@ fn more(reader: &mut Reader<'_>, motion: &mut MotionStatement) -> Read<bool> {
         reader.takes_sign("=");
         motion.angle = Some(reader.expression()?);
     } else if matches!(reader.peek(), Some(Token::Word(_))) {
-        // #BASE or #TOOL: the reference of a relative motion.
+        // `#BASE` or `#TOOL`: the reference of a relative motion.
         reader.next();
     } else {
         return Ok(false);

@@ -114,7 +114,7 @@ impl Parser {
         }
         let (line, name, module) = (first.line, first.name.clone(), &file.module);
         if !is_name(module) {
-            // The file has another name on the controller.
+            // The file must have another name on the controller.
             let message = format!("{module} is no name of KRL: a controller wants the file to be called {name}");
             return self.warn(line, &name, message);
         }
@@ -188,7 +188,7 @@ impl Parser {
         true
     }
 
-    /// Returns whether a line begins or ends a routine or a data list; such a line is in no block.
+    /// Returns whether a line begins or ends a routine or a data list; such a line cannot be inside a block.
     pub(super) fn closes_a_routine(&self) -> bool {
         match self.lines.get(self.at) {
             Some(line) if opens_a_routine(line) => true,

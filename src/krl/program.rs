@@ -26,7 +26,7 @@ pub struct Program {
     pub unexecuted: BTreeMap<u32, String>,
     /// Whether the program has more steps than are stored; it must not be executed then.
     pub is_too_large: bool,
-    /// Steps that are executed together.
+    /// The steps in combined form.
     pub(super) condensed: Condensed,
 }
 

@@ -8,7 +8,7 @@ use super::syntax::{Action, Declared, Expression, File, Step, Unary};
 pub struct StatedValue {
     /// The name of the variable, in upper case.
     pub name: String,
-    /// The index in an array of one dimension; `None` for a single variable.
+    /// The index in a one-dimensional array; `None` for a single variable.
     pub index: Option<i32>,
     /// Line, from 1.
     pub line: usize,

@@ -22,7 +22,7 @@ const BLOCKS: [(&str, &str); 8] = [
     ("PTP_SPLINE", "ENDSPLINE"),
 ];
 
-/// Keywords of other languages, each with the corresponding KRL.
+/// Keywords of other languages, each with the corresponding KRL keyword.
 const OF_OTHER_LANGUAGES: [(&str, &str); 5] = [
     ("ELSEIF", "KRL has no ELSEIF: write ELSE, then an IF with an ENDIF of its own"),
     ("ELSIF", "KRL has no ELSIF: write ELSE, then an IF with an ENDIF of its own"),

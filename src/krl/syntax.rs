@@ -1,4 +1,4 @@
-//! The contents of a KRL file, as a tree. All names are in upper case; every part keeps its line, from 1.
+//! The contents of a KRL file, as a tree. All names are in upper case; every part has its line number, from 1.
 
 use crate::config::Problem;
 
@@ -223,8 +223,8 @@ pub(super) enum Action {
     },
     WaitSeconds(Expression),
     WaitFor(Expression),
-    /// A statement that is never executed; only its expressions are checked. Its first word, and its values with
-    /// the types that they must have.
+    /// A statement that is never executed; only its expressions are checked. Contains its first word, and its values
+    /// with the types that they must have.
     Checked {
         word: &'static str,
         values: Vec<(Expression, &'static str)>,
@@ -366,7 +366,7 @@ pub(super) enum Unary {
 pub enum Binary {
     /// `*`
     Times,
-    /// `/`: division, which truncates between two INT.
+    /// `/`: division, which truncates if both values are INT.
     By,
     /// `+`
     Plus,

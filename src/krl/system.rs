@@ -1,8 +1,8 @@
 //! The controller's own variables, as far as programs of a cell use them.
 //!
-//! KUKA's public manuals define the effect of a variable on the advance run, its write access, and the versions of
-//! KSS in which it exists. If they are silent, the entry has a note. Sources of the others: README.md beside this
-//! file.
+//! KUKA's public manuals define the effect of a variable on the advance run, its write access, and the versions of KSS
+//! in which it exists. If the manuals do not define one of these, the entry has a note. Sources of the other entries:
+//! README.md beside this file.
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
@@ -65,7 +65,7 @@ const fn variable(
     SystemVariable { name, type_name, count, writable, stops_advance: access[1] == b's', since }
 }
 
-/// The system variables. Access: `r` read-only or `w` writable; `s` stops the advance run, `-` does not.
+/// The system variables. Access: `r` read-only or `w` writable; `s` stops the advance run, `-` does not stop it.
 pub const SYSTEM_VARIABLES: [SystemVariable; 77] = [
     variable("$ACC", "CP", 0, "w-", 0),
     variable("$ACC_AXIS", "INT", 12, "w-", 0),
@@ -85,7 +85,7 @@ pub const SYSTEM_VARIABLES: [SystemVariable; 77] = [
     variable("$BASE", "FRAME", 0, "w-", 0),
     variable("$BASE_C", "FRAME", 0, "rs", 0),
     variable("$CMD", "INT", 0, "r-", 0),
-    // Found in public programs for 8.5 and 8.6; a data list of an 8.3 does not declare it.
+    // Found in public programs for 8.5 and 8.6; the data lists of a controller with 8.3 do not declare it.
     variable("$COULD_START_MOTION", "BOOL", 0, "rs", 5),
     variable("$CP_VEL_TYPE", "CP_VEL_TYPE", 0, "w-", 0),
     variable("$CYCFLAG", "BOOL", 256, "w-", 0),

@@ -73,7 +73,7 @@ fn what_an_integrator_writes_is_read() {
     assert_eq!(reported_messages(foreign), Vec::<String>::new());
 }
 
-/// Each line is one slip, with the beginning of its report; the first statement is in line 10.
+/// Each line is one mistake, with the beginning of its report; the first statement is in line 10.
 #[test]
 fn each_slip_is_told_with_its_line() {
     for (statement, expected) in [
@@ -200,7 +200,7 @@ fn a_doubt_is_no_problem() {
     );
 }
 
-/// A part that no rehearsal executes is known by its statement, and only this statement stops an execution.
+/// A statement that is only checked is identified by its line, and only this statement stops the execution.
 #[test]
 fn what_is_only_checked_is_known_by_its_line() {
     let [problems, warnings, unexecuted] = reported(

@@ -1,7 +1,6 @@
-//! Types and the number of memory cells of each: a simple value has one, a structure those of its components in
-//! order.
+//! Types and the number of memory cells of each: a simple value has one, a structure those of its components in order.
 //!
-//! A type is declared in a routine, in a module or for all files; KUKA's own are known everywhere and may be
+//! A type is declared in a routine, in a module or for all files; KUKA's own types are known everywhere and may be
 //! declared again, as a controller's data lists do.
 
 use super::limits::MAX_LISTED;
@@ -48,7 +47,7 @@ pub struct Struc {
     pub name: String,
     /// In order.
     pub components: Vec<Component>,
-    /// The place of each among them.
+    /// The index of each component, by its name.
     places: BTreeMap<String, usize>,
     /// Cells.
     pub size: usize,
@@ -95,7 +94,7 @@ pub struct Types {
     names: BTreeMap<String, Vec<(Scope, Type)>>,
 }
 
-/// A component that is not yet placed.
+/// A component that has no memory offset yet.
 pub(super) struct NewComponent {
     pub(super) name: String,
     pub(super) kind: Type,
@@ -122,12 +121,13 @@ impl Types {
         scopes.iter().chain(&[Scope::Everywhere, Scope::Kuka]).find_map(of)
     }
 
-    /// Returns whether a type of this name is declared in a scope that others do not see.
+    /// Returns whether a type of this name is declared in any scope: if [`Types::find`] does not find it, the scope is
+    /// not visible.
     pub(super) fn is_hidden(&self, name: &str) -> bool {
         self.names.contains_key(name)
     }
 
-    /// Returns a type of KUKA's own; [`Type::Text`] for a text.
+    /// Returns one of KUKA's own types; [`Type::Text`] for a text.
     pub(super) fn own(&self, name: &str) -> Type {
         match name {
             "TEXT" => Type::Text,
@@ -178,8 +178,7 @@ impl Types {
         }
     }
 
-    /// The number of cells of an array of this type; the greatest number if it exceeds the numbers of this
-    /// computer.
+    /// The number of cells of an array of this type; the largest number of this computer if there are more.
     pub(super) fn cells(&self, kind: Type, dimensions: &[usize]) -> usize {
         dimensions.iter().fold(self.size(kind), |cells, dimension| cells.saturating_mul(*dimension))
     }
@@ -222,12 +221,13 @@ impl Types {
         self.is_one_of(kind, &AXES)
     }
 
-    /// Returns whether the controller converts the two types into each other: two poses, or two sets of axes.
+    /// Returns whether the controller converts the two types into each other: both are poses, or both are axis
+    /// positions.
     pub(super) fn are_alike(&self, one: Type, other: Type) -> bool {
         (self.is_pose(one) && self.is_pose(other)) || (self.is_axes(one) && self.is_axes(other))
     }
 
-    /// Returns whether two types are the same: a type of KUKA's own may be declared a second time.
+    /// Returns whether two types are the same: one of KUKA's own types may be declared a second time.
     pub(super) fn are_same(&self, one: Type, other: Type) -> bool {
         match (one, other) {
             (Type::Enumeration(_), Type::Enumeration(_)) | (Type::Struc(_), Type::Struc(_)) => {

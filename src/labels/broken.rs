@@ -1,7 +1,7 @@
-//! From breaks to pixels: which ones broke by the clip's end, and when.
+//! Converts breaks to pixels: determines which pixels broke by the clip's end, and when.
 //!
-//! A pixel breaks at the first moment at which its centre lies inside of an open break. Moments are the beginnings
-//! of the shapes and the times of the wet pictures: there is no observation between two pictures.
+//! A pixel breaks at the first moment at which its centre lies inside of an open break. The evaluated moments are the
+//! beginnings of the shapes and the times of the wet pictures: there is no observation between two pictures.
 
 use super::check::ClipFrame;
 use super::coded::coded;

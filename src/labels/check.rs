@@ -1,5 +1,5 @@
-//! Checks whether a person's statement about a clip is possible: all problems at once, each with the break to which
-//! it belongs.
+//! Checks whether a person's statement about a clip is possible, and reports all problems at once, each with the break
+//! to which it belongs.
 
 use super::shapes::{Break, Shape, Statement};
 use crate::geometry::{Pixel, polygon};
@@ -69,7 +69,7 @@ pub enum Problem {
         /// Its corners.
         found: usize,
     },
-    /// A corner lies at no pixel of the picture.
+    /// A corner lies outside of the picture.
     #[error(
         "break {number}, shape from {from_s} s: corner {corner} at ({u}, {v}) px lies outside of the picture, which has {width}×{height} px"
     )]
@@ -89,7 +89,7 @@ pub enum Problem {
         /// Rows of the picture.
         height: usize,
     },
-    /// The outline has no clear inside.
+    /// The outline crosses itself, so that its inside is not defined.
     #[error(
         "break {number}, shape from {from_s} s: the side after corner {first} meets the side after corner {second}; an outline must not cross itself"
     )]
@@ -150,7 +150,7 @@ pub enum Problem {
         /// Time at which the shape before it begins.
         before_s: f64,
     },
-    /// The break closes before it has this shape.
+    /// The break closes before its last shape begins.
     #[error("break {number} closes again at {closes_s} s, which is not after its shape from {from_s} s")]
     ClosesEarly {
         /// Which break.
@@ -162,7 +162,7 @@ pub enum Problem {
     },
 }
 
-/// All problems of a statement about this clip; none if it can be kept.
+/// Returns all problems of a statement about this clip; an empty list if the statement can be stored.
 pub fn problems(said: &Statement, frame: &ClipFrame) -> Vec<Problem> {
     let mut problems = Vec::new();
     let found = said.author.chars().count();
@@ -191,7 +191,7 @@ fn when(number: usize, one: &Break, frame: &ClipFrame, problems: &mut Vec<Proble
         return problems.push(Problem::NoShape { number });
     };
     let (wet_from_s, ends_s) = (frame.wet_from_s(), frame.ends_s());
-    // A time that is NaN is neither wet nor later.
+    // A comparison with a NaN time is false.
     let is_wet = first.from_s >= wet_from_s;
     let is_later = |time_s: f64, before_s: f64| time_s > before_s;
     if !is_wet {

@@ -51,7 +51,7 @@ impl LabelFile {
 /// Reads a `labels.json`. Whether the labels fit the clip is not checked: see [`problems`](super::problems).
 ///
 /// # Errors
-/// If it is no such object, with the line, or of another version.
+/// If the file does not contain such an object, with the line, or has another version.
 pub fn read(bytes: &[u8]) -> Result<LabelFile, FormError> {
     #[derive(Deserialize)]
     struct Version {

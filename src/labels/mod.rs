@@ -1,10 +1,10 @@
-//! A person's statement about a clip: where and when the film broke, as polygons over time, and the mask and the
-//! times that follow from it.
+//! A person's statement about a clip: where and when the film broke, as polygons over time, and the mask and the times
+//! that follow from it.
 //!
-//! A break has one or more shapes, each from its own time on. A shape holds until the next one begins. Between two
-//! shapes with the same number of corners, corner i moves in a straight line and at a constant speed from its place
-//! in the first shape to its place in the second. A break that closes again still counts in the mask: the mask
-//! holds what broke, not what is still open.
+//! A break has one or more shapes, each from its own time on. A shape applies until the next one begins. Between two
+//! shapes with the same number of corners, corner i moves in a straight line and at a constant speed from its position
+//! in the first shape to its position in the second. A break that closes again still counts in the mask: the mask
+//! contains all that broke, not only what is still open.
 //!
 //! Corners are pixels of the clip's pictures, whole numbers at pixel centres; times are those of `clip.csv`, s.
 //! Nothing here reads a disk or a clock.

@@ -42,8 +42,8 @@ impl Break {
         has_begun && self.closes_s.is_none_or(|closes_s| time_s < closes_s)
     }
 
-    /// Returns the corners of the break at this time, px; none before the break begins. Whether the break has
-    /// closed again does not matter here.
+    /// Returns the corners of the break at this time, px; none before the break begins. The corners are returned
+    /// whether or not the break has closed again.
     pub fn corners_at(&self, time_s: f64) -> Vec<Pixel> {
         let begun = self.shapes.partition_point(|shape| shape.from_s <= time_s);
         let Some(shape) = begun.checked_sub(1).and_then(|index| self.shapes.get(index)) else { return Vec::new() };

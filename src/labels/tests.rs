@@ -44,10 +44,10 @@ fn pixels_break_when_a_growing_shape_reaches_them() {
     assert_eq!(broken.times().rgb[0], [0; 3]);
 }
 
-/// By hand: between a rectangle and a triangle nothing moves, so the rectangle's four pixels hold until 6 s; the
-/// triangle's long side passes v = 0 at u = 2.5 and adds column 2 there, 3 s after the first wet picture. A break
-/// that has closed is still in the mask. The other break holds column 0 from 5 s on. If two breaks overlap, the
-/// earlier one counts, so the other break adds rows 2 to 5.
+/// By hand: between a rectangle and a triangle nothing moves, so the rectangle applies, with four pixels, until 6 s;
+/// the triangle's long side passes v = 0 at u = 2.5 and adds column 2 there, 3 s after the first wet picture. A break
+/// that has closed is still in the mask. The other break covers column 0 from 5 s on. If two breaks overlap, the
+/// earlier one counts, so the other break adds only rows 2 to 5.
 #[test]
 fn a_shape_holds_until_another_one_and_what_closed_did_break() {
     let one = Break {

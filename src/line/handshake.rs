@@ -1,9 +1,10 @@
-//! Decides when the line makes a request: by an edge that was seen from its low side on, never by a level.
+//! Decides when the line makes a request: by a rising edge that is preceded by an observed low state, never by a
+//! level.
 
 use super::signals::{CellStatus, LineInputs, LineSignals, line_signals};
 use crate::cell::LineSignal;
 
-/// This many looks in a row must show the same before it counts: a bouncing contact makes no request.
+/// This many consecutive observations must be equal before they count: a bouncing contact makes no request.
 const STEADY: u8 = 2;
 
 /// A request to the cell for the line.
@@ -26,24 +27,24 @@ pub struct LineObservation {
 
 /// The observations of the line so far.
 ///
-/// A start is requested after two events in this order, without a break of the link. First the cell was idle and
-/// the request low; then the request became high while the part was present and the cell still idle. A request that
-/// was high when the program began, when the link came back, or when the cell became idle has no effect before it
-/// was low.
+/// A start is requested after two events in this order, without an interruption of the link. First the cell is idle
+/// and the request low; then the request becomes high while the part is present and the cell is still idle. A request
+/// that was high when the program began, when the link came back, or when the cell became idle has no effect until it
+/// has been low.
 #[derive(Debug, Clone, Default)]
 pub struct Handshake {
     /// Whether the request was low while the cell was idle.
     is_armed: bool,
     /// Whether the part was seen in the cell after its cycle.
     saw_part: bool,
-    /// The last request was refused, and no one has reacted to that yet.
+    /// The last request, if it was refused and the line or a person has not reacted yet.
     refused: Option<LineRequest>,
     /// The last observation, and the number of equal consecutive ones.
     steady: Option<(LineObservation, u8)>,
 }
 
 impl Handshake {
-    /// Evaluates one look and returns the request that is to be made.
+    /// Evaluates one observation and returns the request that is to be made.
     pub fn look(&mut self, look: LineObservation) -> Option<LineRequest> {
         let count = match &self.steady {
             Some((before, count)) if *before == look => count.saturating_add(1),
@@ -51,7 +52,7 @@ impl Handshake {
         };
         self.steady = Some((look.clone(), count));
         let (Some(inputs), Some(cell)) = (look.inputs, look.cell) else {
-            // It is not known what happened meanwhile.
+            // After a break of the link it is not known what happened meanwhile.
             (self.is_armed, self.saw_part) = (false, false);
             return None;
         };

@@ -1,10 +1,10 @@
-//! The handshake with a line by digital signals, for lines without OPC UA: when a start is requested, and what is
-//! signalled.
+//! The handshake with a production line by digital signals, for lines without OPC UA: the conditions for a start
+//! request, and the signals to the line.
 //!
 //! The line sets two inputs of the robot's controller, `part_present` and `start_request`, and reads its outputs
 //! `ready`, `cycle_done`, `pass`, `fail`, `review` and `fault`. `signals` defines the signals for each state of the
-//! cell; `handshake` defines when the line makes a request. It requests a start and, once the part is removed, a
-//! reset: people have the same requests, through the same gates. Pure: the signals go over the robot's link
+//! cell; `handshake` defines when the line makes a request. The line requests a start and, once the part is removed, a
+//! reset. Persons make the same requests, and the same gates check them. Pure: the signals go over the robot's link
 //! (`daemon/line`).
 
 mod handshake;

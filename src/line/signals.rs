@@ -39,7 +39,7 @@ impl LineSignals {
     }
 }
 
-/// The signals to the line. If the loop does not answer, the only signal is that a person is needed.
+/// Returns the signals to the line. If the loop does not answer, only the fault signal is on: a person is needed.
 pub fn line_signals(cell: Option<&CellStatus>) -> LineSignals {
     use LineSignal::{CycleDone, Fail, Fault, Pass, Ready, Review};
     let Some(cell) = cell else { return LineSignals::from_signals(&[Fault]) };

@@ -1,4 +1,4 @@
-//! The handshake without a controller: edges, levels, breaks of the link, and the signals to the line.
+//! The handshake without a controller: edges, levels, interruptions of the link, and the signals to the line.
 
 use super::*;
 use crate::cell::LineSignal;
@@ -28,7 +28,7 @@ fn look(state: &str, part_present: bool, start_request: bool) -> LineObservation
     LineObservation { inputs: Some(LineInputs { part_present, start_request }), cell: Some(cell) }
 }
 
-/// The requests while each of these looks is seen three times in a row.
+/// Returns the requests that follow if each of these observations is made three times in a row.
 fn asked(handshake: &mut Handshake, looks: &[LineObservation]) -> Vec<LineRequest> {
     looks
         .iter()
@@ -166,9 +166,9 @@ fn what_is_told_is_never_two_things() {
 }
 
 proptest! {
-    /// For any observations: before a start, there was a low request in the same idle time of an unbroken link. A
-    /// part is present, and the start has an edge of its own. Before a reset, a part was seen and is gone, in the
-    /// same complete state after a cycle.
+    /// For any observations: before each start, the request was low in the same idle state without an interruption of
+    /// the link; a part is present, and each start has an edge of its own. Before each reset, a part was seen and then
+    /// removed, in the same complete state after a cycle.
     #[test]
     fn what_is_asked_for_was_earned(
         walk in proptest::collection::vec((0..3_usize, any::<bool>(), any::<bool>(), 0..12_u8, 1..4_usize), 1..80),

@@ -1,9 +1,9 @@
-//! Checks on the fixture, which does not move, whether the camera has moved since teaching.
+//! Checks whether the camera has moved since teaching, by means of the fixture, which does not move.
 //!
-//! Outside of the search box both scans show the same objects at the same pixels as long as the camera has not
-//! moved. A small twist of the camera changes the depths of the fixture's faces and shifts its edges in the
-//! picture. Both are constraints of one robust least-squares fit (`solve`). Objects that were added or removed are
-//! outliers. A direction that the fixture does not constrain is reported as not observed, never as not moved.
+//! Outside of the search box both scans show the same objects at the same pixels as long as the camera has not moved.
+//! A small twist of the camera changes the depths of the fixture's faces and shifts its edges in the picture. Both are
+//! constraints of one robust least-squares fit (`solve`). Objects that were added or removed are outliers. A direction
+//! that the fixture does not constrain is reported as not observed, never as not moved.
 
 use super::covariance::worst_mm;
 use super::grid::{self, DepthReading, Grid, RigidF32, Scan, camera_point};
@@ -24,9 +24,9 @@ const FACES: usize = 3_000;
 const EDGES: usize = 700;
 /// With fewer faces the check gives no result.
 const MIN_FACES: usize = 150;
-/// For a face: the depth noise that range noise causes, and the number of neighbours that share one error. Then the
-/// lower bound of the cutoff, and the largest distance at which the face counts as the same. The next constants are
-/// those of an edge.
+/// For a face: the depth noise that range noise causes, the number of neighbours that share one error, the lower bound
+/// of the cutoff, and the largest distance at which the face counts as the same. The next constants are those of an
+/// edge.
 const FACE_NOISE_MM: f64 = 0.06;
 const FACE_SHARING: f64 = 60.0;
 const FACE_FLOOR_MM: f64 = 0.5;
@@ -36,9 +36,9 @@ const EDGE_SHARING: f64 = 8.0;
 const EDGE_FLOOR_PX: f64 = 0.6;
 /// The minimum change of brightness from block to block at an edge.
 const EDGE_GRAY: f64 = 16.0;
-/// Fewer edges do not show whether they are still there.
+/// With fewer edges it is not determined whether the edges are still there.
 const MIN_EDGES: usize = 40;
-/// A face farther than this from its taught place hides the object that was there, mm.
+/// If the depth at a taught face has changed by more than this, another object hides the face, mm.
 const SAME_PLACE_MM: f64 = 15.0;
 /// The largest motion of a camera that could stay unnoticed; it constrains the directions that the fixture does not
 /// constrain.
@@ -46,18 +46,18 @@ const PRIOR_MM: f64 = 3.0;
 const PRIOR_RAD: f64 = 0.004;
 const ROUNDS: usize = 4;
 
-/// The check of the camera's place by the fixture.
+/// The result of the check of the camera's pose by the fixture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CameraCheck {
-    /// The largest displacement of the panel by the camera's motion since teaching, mm.
+    /// The largest displacement of the panel that the camera's motion since teaching causes, mm.
     pub moved_mm: f64,
     /// 95 % of the errors of `moved_mm` are smaller, mm.
     pub uncertainty_mm: f64,
-    /// The share of the fixture that lies at its taught place, 0…1.
+    /// The fraction of the fixture that lies at its taught place, 0…1.
     pub same: f64,
 }
 
-/// Compares the fixture in both scans; `None` if too little of it is seen.
+/// Compares the fixture in both scans; `None` if too little of the fixture is seen.
 pub(super) fn check(
     panel: &TaughtPanel,
     taught: &TaughtModel,
@@ -65,15 +65,15 @@ pub(super) fn check(
     inside: &[bool],
     placed: &Rigid<Camera, Panel>,
 ) -> Option<CameraCheck> {
-    // Another camera, or another picture size, has other pixels.
+    // Another camera, or another picture size, has different pixels.
     if (panel.scan.width(), panel.scan.height()) != (scan.width(), scan.height()) || panel.camera != grid.camera {
         return None;
     }
     compared(panel, &taught.model, (&taught.fixture, grid, scan), inside, placed)
 }
 
-/// The result that the fixture of the taught scan itself would give for a camera that has not moved: 95 % of the
-/// errors are smaller at the taught panel, mm. `None` if too little of the fixture is seen.
+/// Returns the uncertainty that the taught scan's own fixture would give for a camera that has not moved: 95 % of the
+/// errors at the taught panel are smaller, mm. `None` if too little of the fixture is seen.
 pub(super) fn at_teaching_mm(panel: &TaughtPanel, taught: &TaughtModel, settings: &recipe::Locate) -> Option<f64> {
     let TaughtModel { model, fixture } = taught;
     let inside = inside_at_teaching(panel, fixture, settings);
@@ -181,8 +181,8 @@ impl<'a> StaticScene<'a> {
         faces.into_iter().flatten().collect()
     }
 
-    /// Returns the distances of the taught edges from the scan's in the picture, and the share of the edges that
-    /// were found at all.
+    /// Returns the distances of the taught edges from the scan's edges in the picture, and the fraction of the taught
+    /// edges that were found.
     fn edges<F: Frame>(
         &self,
         panel: &TaughtPanel,
@@ -228,8 +228,9 @@ impl<'a> StaticScene<'a> {
         looked.into_iter().flatten().collect()
     }
 
-    /// The edge between a block and the one beside it, if brightness changes by much. It belongs to the nearer of
-    /// the two, or to the one that has a depth: beyond a fixture there may be nothing.
+    /// Returns the edge between a block and the one beside it, if the brightness changes strongly from one to the
+    /// other. The edge belongs to the nearer of the two blocks, or to the block that has a depth: beyond a fixture
+    /// there may be nothing.
     fn steep(
         &self,
         panel: &TaughtPanel,
@@ -279,7 +280,7 @@ impl<'a> StaticScene<'a> {
 /// What a scan shows at the place of a fixture's edge in the taught picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum FixtureEdge {
-    /// The edge is visible and has moved across itself by this distance, px.
+    /// The edge is visible and has moved perpendicular to itself by this distance, px.
     Moved(f64),
     /// The fixture is visible, but without such an edge.
     Gone,
@@ -287,7 +288,8 @@ pub(super) enum FixtureEdge {
     Unseen,
 }
 
-/// The fixture's taught edges, and what the scan shows at each; none if the scan has other pixels.
+/// Returns the fixture's taught edges, and what the scan shows at each; an empty list if the scan has different
+/// pixels.
 pub(super) fn fixture(
     panel: &TaughtPanel,
     fixture: &Grid,

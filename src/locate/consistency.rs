@@ -1,9 +1,9 @@
-//! Compares two pose hypotheses of one panel by the evidence that supports only one of them.
+//! Compares two pose hypotheses of one panel by the evidence that supports only one of the two.
 //!
-//! Only places at which the two differ carry information. Such a place is a stretch of the outline, or the border
-//! of a mark, that has its edge at only one of the poses. It may also be a piece of surface that lies on the scan
-//! at only one of the poses. Places that are occluded at either pose are left out. Both kinds are expressed as a
-//! length; a square of surface counts as its side.
+//! Only places at which the two poses disagree carry information. Such a place is a stretch of the outline, or the
+//! border of a mark, that has its edge at only one of the poses. It may also be a piece of surface that lies on the
+//! scan at only one of the poses. Places that are occluded at either pose are left out. The evidence is a length; a
+//! square of surface counts as the length of its side.
 
 use super::fit::FitInputs;
 use super::grid::RigidF32;
@@ -20,7 +20,7 @@ pub(super) const SURFACE_NEAR_MM: f64 = 0.35;
 /// Side of the square that a point of the surface represents, mm.
 const SQUARE_MM: f64 = 8.0;
 
-/// The result of the scan for each place of the panel at a pose: consistent, contradicted, or unknown.
+/// The result of comparing each place of the panel at a pose with the scan: consistent, contradicted, or unknown.
 pub(super) struct ConsistencyScore {
     said: Vec<Option<bool>>,
     lengths_mm: Vec<f64>,

@@ -1,13 +1,14 @@
 //! The panel's corner in a picture of the flange camera (thesis 3.9, Fig. 3.17).
 //!
-//! As in the thesis: bilateral filter (Fig. 3.18), threshold (Fig. 3.19), the largest contour, the smallest box
-//! around it (Fig. 3.20), and the contour's point nearest to the box's corner (Fig. 3.21). Two points differ.
-//! First, a direction states which corner of the box is meant, since the order of `minAreaRect`'s corners jumps as
-//! the box turns. Second, the reported point is the intersection of the two extended edges beside that contour
-//! point: a whole pixel of a rounded corner is a poor mark, two lines through hundreds of sub-pixel places are a
-//! good one (see `edge`). Lens distortion and the panel's curvature bend the edges by a part of a pixel over the
-//! fitted length. Taught and found corner are bent alike, as they are seen from nearly the same place; this is not
-//! corrected. This module does not know the expected place of the corner: see `refine`.
+//! As in the thesis: bilateral filter (Fig. 3.18), threshold (Fig. 3.19), the largest contour, the smallest box around
+//! it (Fig. 3.20), and the contour's point nearest to the box's corner (Fig. 3.21). Two details differ from the
+//! thesis. First, a direction states which corner of the box is meant, since the order of `minAreaRect`'s corners
+//! jumps as the box turns. Second, the reported point is the intersection of the two extended edges beside that
+//! contour point: a single pixel on a rounded corner is a poor measurement, two lines through hundreds of sub-pixel
+//! points are a good one (see `edge`). Lens distortion and the panel's curvature bend the edges by a fraction of a
+//! pixel over the fitted length. The edges of the taught and the found corner are bent alike, because they are seen
+//! from nearly the same position; this is not corrected. This module does not know the expected place of the corner:
+//! see `refine`.
 
 mod edge;
 mod error;
@@ -19,7 +20,7 @@ use crate::geometry::{FlangeCamera, GrayPicture, Mask, PinholeCamera, Pixel, Poi
 use crate::imaging::{bilateral_filter, min_area_box, outer_contours};
 use crate::recipe::{self, CornerName};
 
-/// A contour that encloses less than this share of the picture is not the panel.
+/// A contour that encloses less than this fraction of the picture is not the panel.
 const MIN_PICTURE_SHARE: f64 = 0.02;
 /// Contour points within this distance of the picture's border are caused by the border, px.
 const BORDER_PX: f64 = 3.0;
@@ -76,8 +77,8 @@ pub fn find(
     };
     let edges_from =
         |start: usize| -> Result<[EdgeLine; 2], CornerError> { Ok([fitted(start, 1)?, fitted(start, -1)?]) };
-    // In a turned picture the thesis's mark lies beside the middle of the rounding: the first corner shows where
-    // the middle is.
+    // In a turned picture the thesis's corner point does not lie in the middle of the rounding: a first intersection
+    // of the edges shows where the middle is.
     let rough = edges_from(nearest)?;
     let rough_px = edge::meet(&rough[0], &rough[1], MIN_ANGLE_DEG)?;
     let edges = edges_from(nearest_to(&contour, rough_px))?;

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 /// The number of points that one task looks up. It is fixed, so that partial sums are the same for any number of
 /// threads.
 pub(super) const CHUNK: usize = 512;
-/// Pairs with a distance above this multiple of the median are dropped.
+/// Pairs with a distance above this multiple of the median distance are dropped.
 const MEDIANS: f64 = 3.0;
 
 /// A search tree for nearest neighbours among points of the base frame.
@@ -64,7 +64,7 @@ pub(super) fn distance_limit_mm(pairs: &[Pair], floor_mm: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// An organized grid has thousands of equal coordinates in a row: every point must still find itself.
+    /// An organized grid has thousands of equal coordinates in a row: the search must still find every point itself.
     #[test]
     fn organised_rows_are_found() {
         let points: Vec<Point<Base>> =

@@ -1,28 +1,28 @@
 //! The covariance of a pose, and its meaning on the panel.
 //!
-//! A fit with the information N = Σ wᵢ JᵢᵀJᵢ turns errors eᵢ of its residuals into a twist about the panel's centre
-//! of −N⁻¹ Σ wᵢ Jᵢᵀ eᵢ = −Σ Bᵢ eᵢ, with the covariance
+//! A fit with the information N = Σ wᵢ JᵢᵀJᵢ turns errors eᵢ of its residuals into a twist about the panel's centre of
+//! −N⁻¹ Σ wᵢ Jᵢᵀ eᵢ = −Σ Bᵢ eᵢ, with the covariance
 //!     C = N⁻¹ (Σ_k f_k N_k) N⁻¹ + f σ² Σᵢⱼ κ(xᵢ − xⱼ) Bᵢ Bⱼᵀ + v Σᵢⱼ κ(xᵢ − xⱼ) B⊥ᵢ B⊥ⱼᵀ,   κ(x) = exp(−π x²/ℓ²),          (1)
 //! The first term contains the edges and marks k, with cells that err independently; the other terms contain the
-//! surface. The second term is the scan's own smooth error, of the stated size σ. The length ℓ over which it is
-//! alike is not known, and over a longer one than the panel it is a shift that no residual shows. Therefore (1) is
+//! surface. The second term is the scan's own smooth error, of the stated size σ. The correlation length ℓ of this
+//! error is not known, and with ℓ larger than the panel the error is a shift that no residual shows. Therefore (1) is
 //! evaluated for ℓ of 30 to 400 mm, and the largest result is stated. The third term is the panel's own deviation d
-//! (`deviation`), of the mean square v that was found. B⊥ is B without the part that a shift and two tilts along
-//! the normal remove, so that it counts only as far as a bend slides a curved panel in its plane.
+//! (`deviation`), of the mean square v that was found. B⊥ is B without the part that a shift and two tilts along the
+//! normal remove, so that it counts only as far as a bend slides a curved panel in its plane.
 //!     f = max(1, (ν + Σ_c m_c²/s_c²) / (ν + n))                                                             (2)
-//! A kind's noise is stated in `fit` for the mean m of a cell with members that share one error. The factor f
-//! states how much larger the n cells' means are than that. Trust in the stated noise, worth ν cells, steadies it:
-//! a small panel has few cells. The surface's means are computed about the deviation. A point x of the panel then
-//! has the covariance A C Aᵀ with A = [−[x − c]×  I].
+//! The noise of each kind of residual is stated in `fit`, for the mean m of a cell whose members share one error. The
+//! factor f states by how much the means of the n cells exceed this noise. A prior weight of ν cells for the stated
+//! noise stabilises f: a small panel has few cells. The surface's means are computed about the deviation. A point x of
+//! the panel then has the covariance A C Aᵀ with A = [−[x − c]×  I].
 //!
-//! A camera with distances that are all too long by the share s puts the panel's centre c, seen from it, at (1 + s)
-//! c, which no residual shows. The share that all scans have in common shifts the camera's mount as well, if the
-//! mount was measured with the same camera near the taught place, so that it cancels there. The difference between
-//! the two scans does not cancel:
+//! A camera whose distances are all too long by the relative error s measures the panel's centre c, seen from the
+//! camera, at (1 + s) c, which no residual shows. The part of s that all scans have in common shifts the camera's
+//! mount as well, if the mount was measured with the same camera near the taught place, so that it cancels there. The
+//! difference between the two scans does not cancel:
 //!     C_vv += σ_s² (c − c₀)(c − c₀)ᵀ + σ_d² (c cᵀ + (R c₀)(R c₀)ᵀ),                                           (3)
-//! with c₀ the taught centre, R the turn from the taught place to this one, and σ_s and σ_d the deviations of s in
-//! all scans alike and from scan to scan. (3) does not count that the panel itself is too large by s, which over
-//! half a panel is a fraction of that, nor a mount that was measured elsewhere.
+//! with c₀ the taught centre, R the turn from the taught place to this one, and σ_s and σ_d the deviations of s in all
+//! scans alike and from scan to scan. (3) contains neither the error of the panel's own size by s, which over half a
+//! panel is much smaller, nor the error of a mount that was measured elsewhere.
 
 use super::deviation::{Deviation, PanelPlane};
 use super::fit::{EDGE_CORRELATION_MM, KINDS, Residuals};
@@ -42,14 +42,14 @@ use std::f64::consts::PI;
 const ALIKE_MM: [f64; 4] = [30.0, 85.0, 200.0, 400.0];
 /// The approximate number of surface places over which (1) is summed: 15 mm apart on a panel of 330 × 220 mm.
 const MAX_PLACES: usize = 300;
-/// At least this share of a field's variance remains when a shift and two tilts are removed, so that no division by
+/// At least this fraction of a field's variance remains when a shift and two tilts are removed, so that no division by
 /// zero occurs.
 const MIN_VARIANCE_SHARE: f64 = 1e-3;
 /// ν of (2).
 const TRUST_CELLS: f64 = 12.0;
 /// Index of the surface among the kinds of residuals.
 const SURFACE: usize = 0;
-/// A cell is used if it has at least this share of the points of a full cell.
+/// A cell is used if it has at least this fraction of the points of a full cell.
 const CELL_FILLED: f64 = 0.3;
 
 /// Returns the terms that (3) adds to the shifts, from the panel's centres as taught and now and the rotation
@@ -63,7 +63,7 @@ fn of_scale([taught, now]: [&Vector3<f64>; 2], turn: &Matrix3<f64>, range: Range
     ]
 }
 
-/// Adds a further error of the shift to a twist's covariance.
+/// Adds a further covariance of the shift to a twist's covariance.
 fn with_shift(mut covariance: Matrix6<f64>, further: Matrix3<f64>) -> Matrix6<f64> {
     let mut shifts = covariance.fixed_view_mut::<3, 3>(3, 3);
     shifts += further;
@@ -100,14 +100,14 @@ pub(super) struct PoseCovariance {
     pub weakest: Weakest,
     /// 95 % of the errors along that direction are smaller, mm; a rotation counts by its mean displacement.
     pub weakest_mm: f64,
-    /// The covariance without the term of (3) for a scale that all scans share, as it would be at the taught place.
+    /// The covariance without the term of (3) for a scale that all scans share, as it would be at the taught pose.
     pub at_taught_place: Matrix6<f64>,
     /// (1) alone.
     pub without_scale: Matrix6<f64>,
 }
 
-/// Computes (1) and (3); `None` if the residuals leave a direction open. The model is the panel as it is bent at
-/// this pose.
+/// Computes (1) and (3); `None` if the residuals leave a direction unconstrained. The model is the panel as it is bent
+/// at this pose.
 pub(super) fn covariance(
     residuals: &Residuals,
     weighing: &[ResidualWeighting; KINDS],
@@ -121,7 +121,7 @@ pub(super) fn covariance(
     };
     let square = |sample: usize| cell(&model.points[sample], model.range.correlation_mm);
     let mark_square = |sample: usize| cell(&model.marks.points[sample].point, model.range.correlation_mm);
-    // The taught outline is in order, so that a stretch is a run of its points.
+    // The taught outline is in order, so that a stretch consists of consecutive points.
     let mut ways_mm = Vec::with_capacity(model.outline.len());
     let mut way_mm = 0.0;
     for sample in &model.outline {
@@ -179,9 +179,9 @@ pub(super) fn covariance(
     })
 }
 
-/// A place of the surface, as it enters the fit's information.
+/// A place of the surface with its contribution to the fit's information.
 struct SurfacePlace {
-    /// Position in the panel's plane, mm.
+    /// Position of the place in the panel's plane, mm.
     at_mm: [f64; 2],
     /// w Jᵀ of (1).
     pull: Vector6<f64>,
@@ -200,7 +200,7 @@ struct SurfaceMoves {
     of_rigid: Matrix3<f64>,
 }
 
-/// Places of the surface that represent all of its residuals.
+/// Returns places of the surface that represent all of its residuals.
 fn places(
     residuals: &Residuals,
     weighing: &ResidualWeighting,
@@ -221,7 +221,7 @@ fn places(
 }
 
 impl SurfaceMoves {
-    /// The moves of a fit with this inverse of its information.
+    /// Computes the effect of the residuals' errors for a fit with this inverse of its information.
     fn new(places: Vec<SurfacePlace>, inverse: &Matrix6<f64>) -> SurfaceMoves {
         let moves: Vec<Vector6<f64>> = places.iter().map(|place| inverse * place.pull).collect();
         let squares: Matrix3<f64> = places.iter().map(|place| place.rigid * place.rigid.transpose()).sum();
@@ -261,9 +261,9 @@ impl SurfaceMoves {
 
 /// One standard deviation along the direction in which a pose is constrained least.
 pub(super) struct WeakestDirection {
-    /// The deviation as a twist (ω, v) about the panel's centre, rad and mm.
+    /// The standard deviation as a twist (ω, v) about the panel's centre, rad and mm.
     pub twist: Vector6<f64>,
-    /// The same in mm; a turn counts by the distance that it moves points on average.
+    /// The same twist in mm; a rotation counts by the distance that it moves points on average.
     pub moves_mm: Vector6<f64>,
 }
 
@@ -317,9 +317,10 @@ pub(super) fn worst_mm(covariance: &Matrix6<f64>, model: &Model, motion: &RigidF
 mod tests {
     use super::*;
 
-    /// A panel of 300 × 200 mm with 25 × 17 places. Its slope along x is this value at its ends, and grows with the
-    /// square of x: a parabola that slides only tilts, this one bows. And the moves of a fit with the information
-    /// of its surface, and this much per mm² against a slide along x and y and a turn.
+    /// Returns the effect of errors on a panel of 300 × 200 mm with 25 × 17 places. Its slope along x has this value
+    /// at its ends. If the slope is linear, the panel is a parabola, and a slide only tilts it; this panel has a slope
+    /// with the square of x, and a slide bends it. The fit has the information of the surface, and this much per mm²
+    /// against a slide along x and y and a rotation.
     fn moves(slope: f64, of_outline: f64) -> SurfaceMoves {
         let place = |n: usize| {
             let [x, y] = [(n % 25) as f64 * 12.5 - 150.0, (n / 25) as f64 * 12.5 - 100.0];
@@ -341,9 +342,9 @@ mod tests {
         SurfaceMoves::new(places, &(of_surface + outline).try_inverse().expect("held"))
     }
 
-    /// By hand: an error that is the same over the whole panel shifts the panel by this error and does not tilt it.
-    /// An error that is alike over a much shorter length averages out, as over n cells of ℓ²: 0.1 mm over 60000 /
-    /// 30² = 67 cells is 0.012 mm.
+    /// By hand: an error that is the same over the whole panel shifts the panel by this error and does not tilt it. An
+    /// error with a much shorter correlation length averages out, as over n cells of ℓ²: 0.1 mm over 60000 / 30² = 67
+    /// cells is 0.012 mm.
     #[test]
     fn a_scan_error_longer_than_the_panel_is_a_shift_that_no_residual_shows() {
         let flat = moves(0.0, 1.0);

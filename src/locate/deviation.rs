@@ -1,14 +1,13 @@
 //! Calculates the bend of today's panel relative to the taught one: a smooth field along the normals.
 //!
-//! A pose is rigid, but a panel is not: it bends under its own weight, by moisture, or by its clamping. Therefore
-//! the pose is defined as the best one in the following sense. Along the normal it is the rigid pose nearest to the
-//! surface; in the panel's plane it is the pose that puts the outline of the bent panel on its edges. The remainder
-//! is the deviation
+//! A pose is rigid, but a panel is not: it bends under its own weight, by moisture, or by its clamping. Therefore the
+//! pose of a bent panel is defined as follows. Along the normal it is the rigid pose nearest to the surface; in the
+//! panel's plane it is the pose that puts the outline of the bent panel on its edges. The remainder is the deviation
 //!     d = c − F (FᵀF)⁻¹Fᵀ c,                                                                             (1)
-//! c is the smooth field that follows the surface's residuals (`geometry/smooth_field`), and F the three motions
-//! along the normal, a shift and two tilts, at the samples. A bow therefore never counts as a shift or a tilt, nor
-//! the other way round. A slide of a curved panel in its plane looks like a deviation: only outline and marks
-//! constrain a bent panel there (`covariance`).
+//! c is the smooth field that follows the surface's residuals (`geometry/smooth_field`), and F the three motions along
+//! the normal, a shift and two tilts, at the samples. A bow therefore never counts as a shift or a tilt, and a shift
+//! or a tilt never counts as a bow. A slide of a curved panel in its plane looks like a deviation: only outline and
+//! marks constrain a bent panel there (`covariance`).
 
 use super::fit::{FitInputs, Fitted, Residuals, Samples, fit};
 use super::model::Model;
@@ -16,16 +15,16 @@ use super::sampling::spread_over;
 use crate::geometry::{Height, RobustField, SmoothField};
 use nalgebra::{Matrix3, Vector3};
 
-/// The approximate number of samples to which the field is fitted. It is forty for each coefficient of a panel of
-/// 330 × 220 mm, so that a coefficient is determined to a sixth of a sample's noise.
+/// The approximate number of samples to which the field is fitted. This gives forty samples for each coefficient of a
+/// panel of 330 × 220 mm, so that a coefficient is determined to a sixth of a sample's noise.
 const MAX_FITTED: usize = 2_500;
 /// A sample farther from the taught surface does not belong to the panel, mm; the limit is the same as for today's
 /// surface.
 const MAX_DISTANCE_MM: f64 = 20.0;
-/// Fewer samples do not determine a field; no deviation is assumed then.
+/// With fewer samples the field is not determined; in that case no deviation is assumed.
 const MIN_FITTED: usize = 200;
 
-/// The number of times that the deviation is calculated and the pose fitted to the bent panel. The second time
+/// The number of times that the deviation is calculated and the pose fitted to the bent panel. The second repetition
 /// moves the pose by less than the noise.
 const ROUNDS: usize = 2;
 
@@ -69,7 +68,7 @@ pub(super) struct PanelPlane {
 }
 
 impl PanelPlane {
-    /// Returns the plane through the middle of the panel, across its mean normal; `None` for a panel without
+    /// Returns the plane through the middle of the panel, perpendicular to its mean normal; `None` for a panel without
     /// outline.
     pub fn from_model(model: &Model) -> Option<Self> {
         let first = model.outline.first()?.point - model.centre;
@@ -77,14 +76,14 @@ impl PanelPlane {
         Some(PanelPlane { centre: model.centre, axes: [across, model.normal.cross(&across), model.normal] })
     }
 
-    /// The place of a point of the panel in the plane, mm from its middle.
+    /// Returns the coordinates of a point of the panel in the plane, mm from its middle.
     pub fn place(&self, point: &Vector3<f64>) -> [f64; 2] {
         let arm = point - self.centre;
         [arm.dot(&self.axes[0]), arm.dot(&self.axes[1])]
     }
 
-    /// Returns a row of F: how far a point with this normal moves along it. The motions are a shift along the
-    /// panel's mean normal, and a rotation of one radian about each axis.
+    /// Returns a row of F: how far a point moves along its normal. The motions are a shift along the panel's mean
+    /// normal, and a rotation of one radian about each axis.
     pub fn motions(&self, point: &Vector3<f64>, normal: &Vector3<f64>) -> Vector3<f64> {
         let about = (point - self.centre).cross(normal);
         Vector3::new(normal.dot(&self.axes[2]), about.dot(&self.axes[0]), about.dot(&self.axes[1]))
@@ -99,7 +98,7 @@ pub(super) struct Deviation {
     /// The lower corner and the sides of the rectangle in the plane on which the field is defined.
     low_mm: [f64; 2],
     sides_mm: [f64; 2],
-    /// The shift and the turns of c that (1) removes.
+    /// The shift and the rotations of c that (1) removes.
     rigid: Vector3<f64>,
     /// The largest deviation over the samples that were seen, mm.
     pub largest_mm: f64,
@@ -108,8 +107,8 @@ pub(super) struct Deviation {
 }
 
 impl Deviation {
-    /// Computes the deviation from the surface's residuals, of a panel that is bent by `bent` already; `None` if
-    /// too little of the surface is seen.
+    /// Computes the deviation from the surface's residuals, for a panel that is already bent by `bent`; `None` if too
+    /// little of the surface is seen.
     pub fn from_residuals(residuals: &Residuals, model: &Model, bent: Option<&Deviation>) -> Option<Self> {
         let plane = PanelPlane::from_model(model)?;
         let places: Vec<[f64; 2]> = model.points.iter().map(|point| plane.place(point)).collect();
@@ -214,7 +213,7 @@ mod tests {
         }
     }
 
-    /// A panel of this outline with a curvature that differs by 6 mm needs at least a review by a person.
+    /// A panel with this outline and a curvature that differs by 6 mm needs at least a person's review.
     #[test]
     fn another_curvature_is_not_accepted() {
         for bow_mm in [6.0, -6.0] {

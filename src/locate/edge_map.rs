@@ -1,5 +1,5 @@
-//! The steps of brightness in a picture that may be borders of marks. They give the steepest step of a cell, and
-//! the distance from any position of a scan to the nearest step.
+//! The steps of brightness in a picture that may be borders of marks. Returns the steepest step of a cell, and the
+//! vector from any position of a scan to the nearest step.
 
 use super::grid::{Grid, Scan};
 use super::pieces::{Border, Piece};
@@ -7,11 +7,11 @@ use super::profile::gray;
 use crate::geometry::{Frame, OrganizedCloud};
 use nalgebra::Vector2;
 
-/// Brightness is compared over this distance to find the steepest change, px. Only pixels spaced by the second
-/// constant are examined.
+/// The brightness at this distance to both sides is compared to find the steepest change, px. Only pixels spaced by
+/// the second constant are examined.
 const APART_PX: usize = 2;
 const STEP_PX: usize = 2;
-/// Directions that differ by more than this belong to two borders: cosine.
+/// Directions that differ by more than this angle belong to two different borders: cosine.
 const SAME_DIRECTION: f64 = 0.7;
 
 /// The steepest change of brightness of a cell.
@@ -25,8 +25,8 @@ pub(super) struct Steepest {
     pub brighter: Vector2<f64>,
 }
 
-/// The steepest change of a cell with this corner and side, px; `None` if nothing changes, or the cell lies at the
-/// picture's rim.
+/// Returns the steepest change of a cell with this corner and side, px; `None` if nothing changes, or the cell lies at
+/// the picture's rim.
 pub(super) fn steepest<F: Frame>(
     scan: &OrganizedCloud<F>,
     [left, top]: [usize; 2],
@@ -58,7 +58,7 @@ pub(super) struct MarkSteps {
 }
 
 impl MarkSteps {
-    /// The steps of at least this many grey levels in the rectangle that these pieces span.
+    /// Finds the steps of at least this many grey levels in the rectangle that these pieces span.
     pub fn detect(scan: &Scan, grid: &Grid, pieces: &[Piece], least_levels: f64) -> MarkSteps {
         let place = |block: &u32| [*block as usize % grid.columns, *block as usize / grid.columns];
         let spans = |axis: usize| {
@@ -78,8 +78,8 @@ impl MarkSteps {
         MarkSteps { nearest: Border::to_blocks(grid, steps), brighter }
     }
 
-    /// The way from a place of the grid to the nearest step, blocks, if that becomes brighter in this direction;
-    /// otherwise `None`.
+    /// Returns the vector from a position of the grid to the nearest step, blocks, if this step becomes brighter in
+    /// this direction; otherwise `None`.
     pub fn way(&self, place: [f64; 2], brighter: &Vector2<f64>) -> Option<[f64; 2]> {
         let (block, way) = self.nearest.nearest(place)?;
         self.brighter[block]?.dot(brighter).ge(&SAME_DIRECTION).then_some(way)
@@ -94,9 +94,9 @@ mod tests {
 
     const SIDE: usize = 64;
 
-    /// By hand: dark up to and including column 31, bright beyond it. Brightness is compared over two pixels to
-    /// each side, so that columns 30 to 33 have the step. A position in column 20 is ten blocks from it, only in
-    /// the direction towards the brighter side.
+    /// By hand: dark up to and including column 31, bright beyond it. Brightness is compared over two pixels to each
+    /// side, so that columns 30 to 33 have the step. A position in column 20 is ten blocks from the step; it is found
+    /// only for the direction towards the brighter side.
     #[test]
     fn the_nearest_step_is_found_where_it_becomes_brighter() {
         let [fx_px, fy_px, cx_px, cy_px] = [60.0, 60.0, 31.5, 31.5];

@@ -1,13 +1,13 @@
 //! Finds the panel's edge in the scan beside a point of its taught outline.
 //!
-//! The measured depths give the edge roughly: inside of it they lie on the panel's surface, outside of it behind.
-//! The colour picture gives it exactly if both sides differ in brightness. If a nearer object occludes the edge,
-//! none is reported.
+//! The measured depths give the edge roughly: inside of the edge they lie on the panel's surface, outside of the edge
+//! they lie behind. The colour picture gives it exactly if both sides differ in brightness. If a nearer object
+//! occludes the edge, none is reported.
 //!
-//! A 3D camera has no points where its projector does not reach. The panel's shadow lies on the background along
-//! one side of its edge, and the shadow of an object before the panel lies on the panel. Missing points beyond the
-//! surface are therefore no measure of the distance to its edge. If points are missing inside of the edge, depth
-//! gives no information and the colour picture alone decides.
+//! A 3D camera has no points where its projector does not reach. The panel's shadow lies on the background along one
+//! side of its edge, and the shadow of an object before the panel lies on the panel. Missing points beyond the surface
+//! are therefore no measure of the distance to its edge. If points are missing inside of the edge, depth gives no
+//! information and the colour picture alone decides.
 
 use super::grid::Scan;
 use super::profile::{self, REACH};
@@ -18,19 +18,19 @@ use nalgebra::{Vector2, Vector3};
 /// additional distance for each px from the edge.
 const ON_MM: f64 = 1.5;
 const ON_MM_PER_PX: f64 = 0.15;
-/// A surface that is more slanted than this is judged as if it had this slant: cosine of the angle.
+/// A surface that is more slanted than this is treated as if it had this slant: cosine of the angle.
 const MIN_COSINE: f64 = 0.3;
-/// The number of last pixels inside of an edge that are examined, and how many of them must be on the surface.
+/// The number of pixels just inside of an edge that are examined, and the number of these that must be on the surface.
 const INSIDE_PX: i32 = 6;
 const MIN_INSIDE: usize = 3;
 /// Maximum distance between the edges by colour and by depth, px.
 const COLOUR_NEAR_PX: f64 = 2.6;
-/// If points beyond a surface are missing over more than this distance, px, the cause is missing light.
+/// If points beyond a surface are missing over more than this distance, px, the cause is a shadow.
 const RIM_PX: i32 = 3;
-/// Depths that leave the edge open over more than this do not locate it without colour, px.
+/// If the depths leave the edge undetermined over more than this, px, they do not locate it without colour.
 const MAX_OPEN_PX: i32 = 8;
 
-/// The result of the search beside a point of the outline.
+/// The result of the search for the edge beside a point of the outline.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Edge {
     /// The edge was found by colour: its distance outside of the point and the width of its step, px.
@@ -46,7 +46,8 @@ pub(super) enum Edge {
 }
 
 impl Edge {
-    /// Returns whether it is within this distance of its place, px; `None` if nothing could be seen there.
+    /// Returns whether the edge is within this distance of its expected position, px; `None` if nothing could be seen
+    /// there.
     pub fn is_within(self, most_px: f64) -> Option<bool> {
         match self {
             Edge::Colour { offset_px, .. } | Edge::Depth { offset_px } => Some(offset_px.abs() <= most_px),
@@ -93,7 +94,7 @@ impl Tangent {
     }
 }
 
-/// The edge beside a place of a picture; the surface there has this point and normal, in the camera's frame.
+/// Finds the edge beside a place of a picture; the surface there has this point and normal, in the camera's frame.
 /// `across` points away from the panel.
 pub(super) fn beside(
     camera: &PinholeCamera,
@@ -153,8 +154,9 @@ pub(super) fn edge(
     }
 }
 
-/// The strongest step of brightness if points are missing over more than a rim. The panel's own points may be among
-/// them, so that its edge is anywhere between the last point on the surface and the first one behind it.
+/// Returns the strongest step of brightness if points are missing over more than a rim. The panel's own points may be
+/// among the missing ones, so that its edge is anywhere between the last point on the surface and the first point
+/// behind it.
 fn strongest(depths: &[Depth], near: impl Fn(f64) -> Option<profile::Step>) -> Option<profile::Step> {
     let middle = depths.len() as i32 / 2;
     let missing = |i: &i32| depths.get(*i as usize) == Some(&Depth::Missing);
@@ -167,11 +169,11 @@ fn strongest(depths: &[Depth], near: impl Fn(f64) -> Option<profile::Step>) -> O
     steps.max_by(|a, b| a.contrast.abs().total_cmp(&b.contrast.abs()))
 }
 
-/// The edge as depths show it, px from the middle of the line outwards.
+/// The edge according to the depths, px from the middle of the line outwards.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Rough {
     At(f64),
-    /// An edge, if there is one at all, which colour must show.
+    /// A position near which colour must show the edge, if there is one.
     Near(f64),
     /// There is no edge to be looked for; the value is the result.
     Not(Edge),
@@ -180,7 +182,8 @@ enum Rough {
 fn by_depth(depths: &[Depth]) -> Rough {
     let count = depths.len() as i32;
     let at = |i: i32| depths.get(i as usize).copied().unwrap_or(Depth::Missing);
-    // A single flying point is not an end of the surface: two of three points beyond it must be of the same kind.
+    // A single flying point does not count as the end of the surface: two of the three next points must be of the same
+    // kind.
     let ends = |i: i32, what: Depth| at(i) == what && (i + 1..i + 4).filter(|&j| at(j) == what).count() >= 2;
     let farther = (0..count).find(|&i| ends(i, Depth::Farther));
     let nearer = (0..count).find(|&i| ends(i, Depth::Nearer));
@@ -237,9 +240,9 @@ mod tests {
         assert_eq!(rough("fffffffffffffffff"), Rough::Not(Edge::Absent), "it is not there");
     }
 
-    /// By hand: beyond the last point on the surface, at place 5, lies a shadow of 6 px; the edge is at its near
-    /// end, 5 + 1.5, and not in its middle. If the shadow is so wide that points of the panel may be missing in it,
-    /// colour must show the edge; likewise if the panel itself is in a shadow.
+    /// By hand: beyond the last point on the surface, at place 5, lies a shadow of 6 px; the edge is at the near end
+    /// of the shadow, 5 + 1.5, and not in its middle. If the shadow is so wide that points of the panel may be missing
+    /// in it, colour must show the edge; likewise if the panel itself is in a shadow.
     #[test]
     fn missing_points_are_no_distance_to_the_edge() {
         let rough = |text: &str| by_depth(&depths(text));

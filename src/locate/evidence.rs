@@ -1,8 +1,8 @@
 //! The evidence for a located pose, in numbers.
 //!
-//! It consists of the matched shares (`shares`), the uncertainty of the pose (`covariance`), the results of further
+//! It consists of the matched fractions (`matched_shares`), the uncertainty of the pose (`covariance`), the results of further
 //! checks (independent starts, competing poses, the fixture), and the displacement from the nominal pose. `gate`
-//! judges these numbers. An error that both scans share, that of the camera's calibration, is not visible here.
+//! judges these numbers. An error of the camera's calibration, which both scans share, is not visible here.
 
 use super::LocateError;
 use super::camera_check::CameraCheck;
@@ -23,38 +23,38 @@ use nalgebra::Matrix6;
 pub struct Fit {
     /// The panel's pose.
     pub base_from_panel: Rigid<Base, Panel>,
-    /// Root mean square of the scan's distances from the taught surface with its smooth deviation, mm: the part
-    /// that no bow or wave explains.
+    /// Root mean square of the scan's distances from the taught surface with its smooth deviation, mm: the part that a
+    /// bow or a wave does not explain.
     pub rms_mm: f64,
-    /// The largest distance of the panel from the taught one by that deviation, mm; `None` if too little of the
-    /// panel is seen for it.
+    /// The largest distance of the panel from the taught one according to the smooth deviation, mm; `None` if too
+    /// little of the panel is seen.
     pub deviation_mm: Option<f64>,
     /// Root mean square of the distances across the outline, mm.
     pub outline_rms_mm: f64,
     /// Root mean square of the distances across the outline, in pixels of the 3D camera.
     pub outline_rms_px: f64,
-    /// Share of the taught points that are found in the scan, 0…1. This share, `scan_found` and `measured` are
+    /// Fraction of the taught points that are found in the scan, 0…1. This fraction, `scan_found` and `measured` are
     /// relative to a scan with the same number of missing points as the taught one.
     pub taught_found: f64,
-    /// Share of the scan's piece that is found in the taught panel, 0…1.
+    /// Fraction of the scan's pieces that is found in the taught panel, 0…1.
     pub scan_found: f64,
-    /// Share of the taught outline that is found in the scan's outline, 0…1.
+    /// Fraction of the taught outline that is found in the scan, 0…1.
     pub outline_found: f64,
-    /// Share of the taught points that the scan sees through: something farther is at their place.
+    /// Fraction of the taught points at which the scan shows something farther away.
     pub seen_through: f64,
-    /// Share of the taught outline in view beyond which the surface continues, or which is missing.
+    /// Fraction of the taught outline in view at which the edge is missing or elsewhere, for example because the
+    /// surface continues beyond the outline.
     pub outline_absent: f64,
-    /// Share of the taught marks in view that the scan shows at their place, 0…1; `None` if the panel has hardly
-    /// any.
+    /// Fraction of the taught marks in view that the scan shows at their place, 0…1; `None` if the panel has hardly
+    /// any marks.
     pub marks_found: Option<f64>,
-    /// Share of the taught points in view and not hidden for which the scan has a point at all: low if the panel is
-    /// wet.
+    /// Fraction of the taught points, in view and not hidden, at which the scan has a point: low if the panel is wet.
     pub measured: f64,
     /// Width of a step of brightness at the outline, px, median; `None` if colour shows no edge.
     pub edge_width_px: Option<f64>,
     /// Width of a step of brightness at the outline at teaching, px, median.
     pub taught_edge_width_px: f64,
-    /// Share of the panel's pixels that are overexposed.
+    /// Fraction of the panel's pixels that are overexposed.
     pub saturated: f64,
     /// The number of steps of the fit.
     pub iterations: usize,
@@ -66,18 +66,18 @@ pub struct Fit {
     pub rival: Option<CompetingPose>,
     /// The check of the camera's pose by the fixture; `None` if too little of the fixture is visible.
     pub camera: Option<CameraCheck>,
-    /// 95 % of the errors would be smaller if the camera's pose were determined by the taught scan's own fixture,
-    /// mm. Computed if this scan's fixture does not determine it well enough; `None` also if the taught scan shows
-    /// too little of the fixture.
+    /// Uncertainty of the camera's pose, 95 %, as the taught scan's own fixture would determine it, mm. Computed if
+    /// this scan's fixture does not determine the pose well enough; `None` also if the taught scan shows too little of
+    /// the fixture.
     pub camera_at_teaching_mm: Option<f64>,
     /// Covariance of a small twist (ω, v) about the panel's centre in the camera's frame, rad and mm.
     pub covariance: Matrix6<f64>,
     /// The largest error over the whole panel is smaller than this with a probability of 95 %, mm.
     pub uncertainty_mm: f64,
-    /// The same if the panel were at its taught place, where a scale of the 3D camera that all scans share has no
-    /// effect, mm.
+    /// The same uncertainty if the panel were at its taught pose, at which a scale error that all scans of the 3D
+    /// camera share has no effect, mm.
     pub uncertainty_at_taught_place_mm: f64,
-    /// The uncertainty if the 3D camera's distances had no error of scale at all, mm.
+    /// The same uncertainty if the 3D camera's distances had no scale error at all, mm.
     pub uncertainty_without_scale_mm: f64,
     /// 95 % of the errors along the weakest direction are smaller, mm; a rotation counts by its mean displacement.
     pub weakest_mm: f64,
@@ -100,9 +100,9 @@ pub struct CompetingPose {
     pub base_from_panel: Rigid<Base, Panel>,
     /// The rotation between the two poses.
     pub turned: Degrees,
-    /// Outline and surface that support only the first pose, as a length, mm.
+    /// Length of outline, and of surface counted as a length, that supports only the first pose, mm.
     pub for_first_mm: f64,
-    /// Outline and surface that support only the rival, as a length, mm.
+    /// Length of outline, and of surface counted as a length, that supports only the rival, mm.
     pub for_rival_mm: f64,
 }
 
@@ -117,13 +117,13 @@ impl CompetingPose {
 }
 
 impl Fit {
-    /// Returns the smaller of two shares: of the taught points found in the scan, and of the scan's points found
+    /// Returns the smaller of two fractions: of the taught points found in the scan, and of the scan's points found
     /// among the taught points.
     pub fn overlap(&self) -> f64 {
         self.taught_found.min(self.scan_found)
     }
 
-    /// The same pose with an error that may be larger by this, mm.
+    /// Returns the pose with an uncertainty that is increased by this additional error, mm.
     pub(super) fn also_off_by(self, off_mm: f64) -> Self {
         Fit {
             uncertainty_mm: self.uncertainty_mm + off_mm,
@@ -139,14 +139,14 @@ impl Fit {
         self.edge_width_px.map(|width_px| width_px - self.taught_edge_width_px)
     }
 
-    /// The distance by which the camera has moved the panel since teaching at least, mm: the fixture's result less
-    /// its uncertainty.
+    /// The minimum distance by which the camera's motion has displaced the panel since teaching, mm: the fixture's
+    /// result minus its uncertainty.
     pub fn camera_moved_mm(&self) -> Option<f64> {
         self.camera.map(|camera| camera.moved_mm - camera.uncertainty_mm)
     }
 }
 
-/// The evidence in addition to the fit itself.
+/// Evidence that does not come from the fit itself.
 pub(super) struct FurtherEvidence {
     pub agreement_mm: f64,
     pub rival: Option<CompetingPose>,
@@ -180,7 +180,7 @@ pub(super) fn weigh(
     let at_worst_mm = |covariance| WHOLE_PANEL_95 * worst_mm(covariance, model, &motion);
     let surface = SurfaceShares::compute(&motion, inputs);
     let outline = OutlineShares::compute(&residuals, model);
-    // The places of missing points at teaching and now are independent of each other.
+    // The places of missing points at teaching and those of missing points now are independent of each other.
     let of_expected = |share: f64| (share / model.given).min(1.0);
     // The mount enters only here: everything before is in the camera's frame and does not depend on its calibration.
     let base_from_panel = base_from_camera * placed;
@@ -221,7 +221,8 @@ pub(super) fn weigh(
     })
 }
 
-/// Shift of the centre, turn about the mean normal and tilt of that normal, from the nominal place.
+/// Returns the shift of the centre, the rotation about the mean normal and the tilt of this normal, relative to the
+/// nominal pose.
 fn displacement(base_from_panel: Rigid<Base, Panel>, model: &Model) -> (f64, Degrees, Degrees) {
     // Nominally the panel's frame is equal to the base frame: only then are coordinates in the two frames
     // comparable.

@@ -1,6 +1,8 @@
-//! Marks in the scan's picture that show the origin of a verdict's reasons, for a person who has to look there.
+//! Marks in the scan's picture that show the origin of the verdict's reasons, for a person who inspects the panel at
+//! these places.
 //!
-//! Every sample is evaluated once more at the located pose, as `evidence` counted it. Nothing is decided here.
+//! Every sample is evaluated once more at the located pose, in the same way as in `evidence`. This module makes no
+//! decisions.
 
 use super::camera_check::{self, FixtureEdge};
 use super::deviation::Deviation;
@@ -24,7 +26,8 @@ pub const ENLARGED: f64 = 50.0;
 pub enum SurfaceMark {
     /// Distance of the scanned surface in front of the taught one, along its normal, mm; negative behind it.
     On(f64),
-    /// The taught surface, beside an edge or missing points; the depth is not good enough for a number.
+    /// The scan shows the taught surface beside an edge or missing points; the depth is not precise enough for a
+    /// number.
     Near,
     /// Something farther.
     Through,
@@ -45,7 +48,7 @@ pub enum OutlineMark {
     Hidden,
 }
 
-/// What the scan shows at the place of an edge that the fixture had at teaching.
+/// What the scan shows at the taught place of a fixture's edge.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FixtureMark {
     /// The edge at its taught place.
@@ -67,7 +70,7 @@ pub struct Explained {
     pub outline: Vec<(Pixel, OutlineMark)>,
     /// The borders of taught marks, each represented by a short stretch.
     pub marks: Vec<([Pixel; 2], OutlineMark)>,
-    /// The places of the outline, and the same places with the stated error along the weakest direction added,
+    /// Pairs of a place of the outline and the same place displaced by the stated error along the weakest direction,
     /// enlarged by [`ENLARGED`].
     pub weakest: Vec<(Pixel, Pixel)>,
     /// The place at which the step of brightness at the outline is widest.
@@ -120,8 +123,8 @@ impl Prepared<'_> {
     }
 }
 
-/// Returns the comparison of the panel as it is bent with the panel as it was taught. `bend_mm` is the distance of
-/// a point in front of its taught position.
+/// Returns the comparison of the panel, as it is bent, with the taught panel. `bend_mm` is the distance of a point in
+/// front of its taught position.
 fn surface(
     placed: &Rigid<Camera, Panel>,
     inputs: FitInputs<'_>,
@@ -143,7 +146,7 @@ fn surface(
     (0..inputs.model.points.len()).filter_map(mark).collect()
 }
 
-/// Returns whether an edge is at its place.
+/// Returns the mark for the edge at a place of the outline.
 fn outline_mark(edge: &Edge) -> OutlineMark {
     match edge.is_within(EDGE_FOUND_PX) {
         Some(true) => OutlineMark::Found,
@@ -184,7 +187,7 @@ fn outline(
     (residuals.edges.iter().filter_map(mark).collect(), widest.and_then(|(k, _)| pixel(k)))
 }
 
-/// The outline moved by the stated error along its largest direction.
+/// Returns the outline's places, and the same places displaced by the stated error along its largest direction.
 fn weakest(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, fit: &Fit) -> Vec<(Pixel, Pixel)> {
     let motion = RigidF32::from_rigid(placed);
     let centre = motion.point(&inputs.model.centre);
@@ -204,7 +207,8 @@ mod tests {
     use crate::sim::{self, Scene};
 
     /// By hand: the panel at its taught place, each of its points 0.3 mm nearer to the camera along its ray. The
-    /// surface leans by 20° at most, so that along the normal the scan lies 0.28 to 0.3 mm before it.
+    /// surface leans by 20° at most, so that along the normal the scan lies 0.28 to 0.3 mm in front of the taught
+    /// surface.
     #[test]
     fn what_lies_before_the_taught_surface_is_told_as_before_it() {
         let cell = sim::Cell::new(1, Scene::Clean, 4);

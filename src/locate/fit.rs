@@ -1,11 +1,11 @@
 //! The fit: moves the panel by its surface and its outline together until it converges.
 //!
-//! The surface constrains the panel along its normal and hardly in its plane: a smooth panel slides along itself.
-//! The outline constrains it in its plane, and through the picture's perspective a little along the normal as well.
-//! Both are residuals of one Gauss–Newton iteration (`solve`), and so are the borders of marks inside the outline,
-//! if the panel has any. Each kind is weighted by its noise and by the number of neighbours with correlated errors:
-//! a scanner's range noise is correlated over centimetres, so that thousands of points carry no more information
-//! than a few dozen independent ones.
+//! The surface constrains the panel along its normal and hardly in its plane: a smooth panel slides along itself. The
+//! outline constrains the panel in its plane and, through the picture's perspective, a little along the normal as
+//! well. Both are residuals of one Gauss–Newton iteration (`solve`), and so are the borders of marks inside the
+//! outline, if the panel has any. Each kind is weighted by its noise and by the number of neighbours with correlated
+//! errors: a scanner's range noise is correlated over centimetres, so that thousands of points carry no more
+//! information than a few dozen independent ones.
 
 use super::edges::Edge;
 use super::grid::{Grid, RigidF32, Scan};
@@ -22,15 +22,14 @@ use rayon::prelude::*;
 /// The iteration ends if a step moves no point of the panel by more than this, mm.
 pub(super) const CONVERGED_MM: f64 = 0.002;
 const MAX_STEPS: usize = 20;
-/// Errors of an edge in the picture are alike over this length: its own error, that of the taught depth, and that
-/// remaining from the lens model.
+/// The errors of an edge in the picture are correlated over this length: the edge's own error, that of the taught
+/// depth, and the remaining error of the lens model.
 pub(super) const EDGE_CORRELATION_MM: f64 = 30.0;
 /// One standard deviation of the mean over a length of `EDGE_CORRELATION_MM`, px: of the edge alone, by colour and
 /// by depth.
 const EDGE_NOISE_PX: f64 = 0.05;
 const DEPTH_EDGE_NOISE_PX: f64 = 0.5;
-/// Residuals of more than this number of standard deviations have no weight, but the limits are never below the
-/// floors.
+/// Residuals beyond this number of standard deviations have no weight, unless they are below the floors.
 const REACH_SIGMAS: f64 = 4.7;
 const SURFACE_FLOOR_MM: f64 = 0.4;
 const EDGE_FLOOR_PX: f64 = 0.5;
@@ -45,9 +44,9 @@ pub(super) struct Residuals {
     pub colour: Vec<Constraint>,
     pub depth: Vec<Constraint>,
     pub marks: Vec<Constraint>,
-    /// The results beside each point of the outline that was looked at.
+    /// The edge found beside each point of the outline that was examined.
     pub edges: Vec<(usize, Edge)>,
-    /// The results beside each mark.
+    /// The edge found beside each mark.
     pub mark_edges: Vec<(usize, Edge)>,
     /// The middle of the panel.
     pub centre: Vector3<f64>,
@@ -79,7 +78,7 @@ impl Samples {
         }
     }
 
-    /// Returns only the samples of the surface.
+    /// Returns only the samples of the surface, without outline and marks.
     pub fn of_surface(&self) -> Samples {
         Samples { surface: self.surface.clone(), outline: Vec::new(), marks: Vec::new() }
     }
@@ -214,7 +213,7 @@ pub(super) struct Fitted {
     pub last_step_mm: f64,
 }
 
-/// Moves the guess until no point of the panel moves any more; `None` if a direction is free.
+/// Moves the guess until no point of the panel moves any more; `None` if a direction is unconstrained.
 pub(super) fn fit(guess: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, samples: &Samples) -> Option<Fitted> {
     let mut fitted = Fitted { camera_from_panel: *guess, iterations: 0, last_step_mm: f64::INFINITY };
     while fitted.iterations < MAX_STEPS && fitted.last_step_mm > CONVERGED_MM {

@@ -1,11 +1,11 @@
 //! The gate of the localization: turns evidence into accept, review or reject, each with reasons in words.
 //!
-//! It examines three questions in this order. Is it this panel, complete and dry, and has the camera not moved? A
-//! panel that is bent is this panel as long as a smooth deviation explains its surface; the recipe limits how far
-//! it may be bent. Is its pose known well enough, and is it unique? Is the pose within its limits? Shift, rotation
-//! and tilt are judged at the panel's centre and never at the base's origin: a small rotation moves a distant
-//! origin far, which is no information about the panel. Evidence against the panel itself leads to reject; evidence
-//! that a person can judge better leads to review.
+//! The gate answers three questions in this order. Is this the taught panel, complete and dry, and has the camera not
+//! moved? A panel that is bent is this panel as long as a smooth deviation explains its surface; the recipe limits how
+//! far it may be bent. Is its pose known well enough, and is it unique? Is the pose within its limits? Shift, rotation
+//! and tilt are judged at the panel's centre and never at the base's origin: a small rotation moves a distant origin
+//! far, which is no information about the panel. Evidence against the panel itself leads to reject; evidence that a
+//! person can judge better leads to review.
 
 mod camera;
 mod pose;
@@ -22,36 +22,36 @@ use crate::recipe::{self, Recipe};
 use crate::record::name;
 use crate::verdict::{Check, Judgement, Reason, SetBy, Severity, Verdict};
 
-/// If the overlap is below the limit by at most this, a person decides: an object may cover the panel. A lower
+/// If the overlap is below the limit by at most this, a person decides: an object may cover the panel. An even lower
 /// overlap means that the object is not the panel.
 const REVIEW_OVERLAP: f64 = 0.1;
-/// The found share of the outline may be this much lower than that of the surface: an object that hides a patch in
-/// the middle of a side hides its edge.
+/// The found fraction of the outline may be this much lower than that of the surface: an object that hides a patch in
+/// the middle of a side also hides the edge there.
 const OUTLINE_ALLOWANCE: f64 = 0.15;
-/// Maximum share of taught points through which the scan sees; above this the panel is not there. Single points of
-/// this kind are flying points.
+/// Maximum fraction of taught points at which the scan shows something farther away; above this the panel is not
+/// there. Single points of this kind are flying points.
 pub const MAX_SEEN_THROUGH: f64 = 0.01;
-/// Outline in view that is not at its taught place.
+/// Maximum fraction of the outline in view that is not at its taught place.
 pub const MAX_OUTLINE_ABSENT: f64 = 0.08;
-/// Marks of the panel in view that are at their taught place.
+/// Minimum fraction of the panel's marks in view that are at their taught place.
 pub const MIN_MARKS_FOUND: f64 = 0.5;
 /// Maximum outline residual of a panel of the taught shape, px.
 pub const MAX_OUTLINE_RMS_PX: f64 = 0.5;
-/// Minimum share of points that a dry panel gives.
+/// Minimum fraction of measured points that a dry panel gives.
 pub const MIN_MEASURED: f64 = 0.9;
-/// A step of brightness may be this many pixels wider than at teaching: the limit for a picture that is sharp and
-/// still.
+/// Maximum increase of the width of a brightness step since teaching, px: with a larger increase the picture is not
+/// sharp, or the panel or the camera moved.
 pub const MAX_BLUR_PX: f64 = 1.0;
-/// Maximum share of the panel that may be overexposed.
+/// Maximum fraction of the panel that may be overexposed.
 pub const MAX_SATURATED: f64 = 0.2;
-/// The maximum last step of a converged fit, as a multiple of the step that ends the iteration: the last bits may
-/// flicker.
+/// The maximum last step of a converged fit, as a multiple of the step that ends the iteration, because rounding
+/// errors may prevent a smaller step.
 const MAX_LAST_STEPS: f64 = 5.0;
 
 /// The maximum movement of any point of the panel by the last step of a converged fit, mm.
 pub const MAX_LAST_STEP_MM: f64 = MAX_LAST_STEPS * CONVERGED_MM;
 
-/// Returns the smallest share of the outline that must be found, 0…1.
+/// Returns the smallest fraction of the outline that must be found, 0…1.
 pub fn min_outline_found(limits: &recipe::Locate) -> f64 {
     (limits.min_overlap() - OUTLINE_ALLOWANCE).max(0.0)
 }
@@ -74,7 +74,7 @@ pub fn checks(fit: &Fit, recipe: &Recipe) -> Vec<Check> {
     of_panel.into_iter().chain(of_pose).collect()
 }
 
-/// Is it the taught panel, and is it complete?
+/// Checks whether it is the taught panel, and whether it is complete.
 fn panel(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
     let differs = || {
         let [absent, allowed] = percent_apart(fit.outline_absent, MAX_OUTLINE_ABSENT, 0);
@@ -224,11 +224,11 @@ fn overlap(fit: &Fit, limits: &recipe::Locate) -> [Check; 2] {
     ]
 }
 
-/// If a smaller share of the outline is seen, a panel is poorly constrained sideways, in particular a flat panel.
+/// If a smaller fraction of the outline is seen, a panel is poorly constrained sideways, in particular a flat panel.
 const MIN_OUTLINE_SEEN: f64 = 0.6;
 
-/// Returns the warnings when a panel is taught: too little of its outline is seen in its own scan. `fit` is the
-/// panel located in that scan; it adds the warning that its fixture shows too little to detect a moved camera.
+/// Returns the warnings at teaching: too little of the panel's outline is seen in its own scan. `fit` is the panel
+/// located in that scan; with it there is also a warning if the fixture shows too little to detect a moved camera.
 pub fn checks_at_teaching(seen: &OutlineSeen, fit: Option<&Fit>) -> Vec<Check> {
     let share = seen.by_colour + seen.by_depth;
     let outline = Check::new("outline that the scan shows", "", share)
@@ -367,8 +367,9 @@ mod tests {
         assert_eq!(rival(40.0, 0.0).0, Verdict::Accept);
     }
 
-    /// By hand: with an uncertainty of 0.2 mm, a moved camera is detected from 0.45 mm on. With 0.31 mm it is
-    /// detected from 0.56 mm on, which is more than 0.55. With 2 mm, 2 ± 2 mm shows no move either.
+    /// By hand: with an uncertainty of 0.2 mm, a moved camera is detected from 0.45 mm on. With 0.31 mm it is detected
+    /// from 0.56 mm on, which is more than 0.55. With an uncertainty of 2 mm, a measured motion of 2 mm does not show
+    /// that the camera moved.
     #[test]
     fn a_camera_that_nobody_watches_any_more_is_for_a_person() {
         let told = |uncertainty_mm| Some(CameraCheck { moved_mm: uncertainty_mm, uncertainty_mm, same: 0.9 });

@@ -1,10 +1,10 @@
 //! A downsampled scan: the mean inverse depth of blocks of pixels, which for a plane is linear over the picture.
 //!
-//! About 490 blocks across, for any camera's picture: a block's mean has a quarter of a pixel's noise at full size.
-//! A block with pixels at different depths is an edge and has no depth; so flying points and glints have none. A
-//! point p of the panel is compared with the scan at the place to which it projects (projective association, Blais
-//! & Levine, IEEE PAMI 17(8), 1995), without any search. With the depths z of p and ẑ of the scan on the same ray
-//! the scan's point is p ẑ/z, and along the normal n the point lies before it by
+//! About 490 blocks across, for any camera's picture: a block's mean has a quarter of a pixel's noise at full size. A
+//! block with pixels at different depths is an edge and has no depth; so flying points and glints give no depth. A
+//! point p of the panel is compared with the scan at the place to which it projects (projective association, Blais &
+//! Levine, IEEE PAMI 17(8), 1995), without any search. With the depths z of p and ẑ of the scan on the same ray the
+//! scan's point is p ẑ/z, and along the normal n the point lies in front of the scan's point by
 //!     r = n · p (1 − ẑ/z).                                                                               (1)
 
 use crate::geometry::{Base, Camera, OrganizedCloud, PinholeCamera, Pixel, Point, Rigid, median, median_between};
@@ -13,13 +13,15 @@ use rayon::prelude::*;
 
 /// The approximate number of blocks across the picture.
 const COLUMNS: usize = 486;
-/// Depths within a block that differ by less belong to one surface without a further check, mm at a block of 1 mm.
+/// Depths within a block that differ by less than this belong to one surface without a further check, mm for a block
+/// with a side of 1 mm.
 const USUAL_SPREAD: f64 = 1.2;
-/// Depths farther from the block's median are left out, in the same measure; the limit for the distance from its
-/// slanted plane is smaller.
+/// Depths farther than this from the block's median are left out, mm for a block with a side of 1 mm; the limit for
+/// the distance from its slanted plane is smaller.
 const TRIM: f64 = 0.8;
 const TRIM_SLANTED: f64 = 0.35;
-/// The share of a block's pixels that must agree: if one side is missing, the mean would not be that of the middle.
+/// The fraction of a block's pixels that must agree: if the pixels on one side are missing, the mean is not the depth
+/// of the block's middle.
 const MIN_SHARE: f64 = 0.9;
 /// Neighbouring blocks do not belong to one surface if their depths differ by more than this number of block sides:
 /// a slope of 73°.
@@ -52,7 +54,7 @@ pub(super) struct Grid {
     pub camera: PinholeCamera,
     /// 1/mm; NaN if the block has no depth.
     inverse: Vec<f32>,
-    /// Neighbouring blocks may differ by this share of their depth.
+    /// Largest difference between neighbouring blocks of one surface, as a fraction of their depth.
     step_share: f64,
 }
 
@@ -64,7 +66,7 @@ impl Grid {
         Self::of_depths((scan.width(), scan.height()), camera, |index| Some(points[index][2]).filter(|&z| z > 0.0))
     }
 
-    /// The same from the depth of each pixel, mm, `None` if the pixel is left out.
+    /// Reduces the depths of the pixels, mm, to a grid of blocks; `None` for a pixel that is left out.
     pub fn of_depths(
         (width, height): (usize, usize),
         camera: &PinholeCamera,
@@ -145,7 +147,7 @@ impl Grid {
             let below = corners[2] + fx * (corners[3] - corners[2]);
             return DepthReading::Smooth(1.0 / (above + fy * (below - above)));
         }
-        // The nearest block that has a depth.
+        // Selects the nearest block that has a depth.
         let shares = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
         let nearest = (0..4).filter(|&k| !corners[k].is_nan()).max_by(|&a, &b| shares[a].total_cmp(&shares[b]));
         nearest.map_or(DepthReading::Nothing, |k| DepthReading::Rough(1.0 / corners[k]))
@@ -203,7 +205,7 @@ fn slanted_inverse(factor: usize, block_rad: f64, depth: impl Fn(usize, usize) -
     };
     let levels: Vec<f64> = inverse.iter().enumerate().filter_map(level).collect();
     let Some(middle) = median_between(&mut levels.clone()) else { return f32::NAN };
-    // Compared as shares of the depth: dz / z = −z d(1/z).
+    // Compared relative to the depth: dz / z = −z d(1/z).
     let steepest = factor as f64 * right.hypot(down) / middle;
     let near = |level: &&f64| (*level / middle - 1.0).abs() <= TRIM_SLANTED * block_rad;
     let count = levels.iter().filter(near).count();

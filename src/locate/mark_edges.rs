@@ -1,9 +1,9 @@
 //! Finds the panel's marks in a scan's picture, with the panel assumed at a pose.
 //!
-//! Beside each taught border of a mark the picture is searched across it for the nearest step of brightness with
-//! the same sign. The search begins near the expected place of the border and continues farther away, because a
-//! flat panel may begin several pixels aside. If something nearer lies before the place, or the surface faces away,
-//! the mark is hidden.
+//! Beside each taught border of a mark the picture is searched across it for the nearest step of brightness with the
+//! same sign. The search begins near the expected place of the border and continues farther away, because the start
+//! pose of a flat panel may be several pixels off. If a nearer object lies in front of the place, or the surface faces
+//! away, the mark is hidden.
 
 use super::edges::{Edge, Tangent};
 use super::grid::{RigidF32, Scan, camera_point};
@@ -12,8 +12,8 @@ use super::print_features::MarkPoint;
 use super::profile::{self, REACH};
 use crate::geometry::{PinholeCamera, Pixel};
 
-/// Places at which a step is looked for, px from the expected one, in this order; each search finds steps within 3
-/// px.
+/// Positions at which a step is searched, px from the expected position, in this order; each search finds steps within
+/// 3 px.
 const EXPECTED_PX: [f64; 5] = [0.0, -3.0, 3.0, -6.0, 6.0];
 /// A surface that is seen at a flatter angle than this shows no marks: cosine of the incidence.
 const MIN_COS: f64 = 0.1;
@@ -42,7 +42,7 @@ pub(super) fn observe(
     Some(EdgeObservation { point, gradient, edge })
 }
 
-/// Returns whether the scan has a nearer object there. A missing point does not count as an obstacle.
+/// Returns whether the scan has a nearer object at this pixel. A missing point does not count as an obstacle.
 fn is_covered(scan: &Scan, pixel: Pixel, tangent: &Tangent) -> bool {
     let Some((column, row)) = pixel.whole(scan.width(), scan.height()) else { return false };
     let [_, _, z] = scan.raw_points_mm()[row * scan.width() + column];

@@ -1,10 +1,10 @@
-//! Starts by the marks of a panel if much of the panel gives no points.
+//! Finds start poses from the marks of a panel if much of the panel gives no points.
 //!
 //! Pieces and their borders then hardly show where a flat panel lies in its plane; its printed marks do. The scan's
-//! picture is searched for its steps of brightness, block by block, and each block stores the nearest of them. At
-//! each turn of the panel about the piece's normal, the shift is chosen that puts the most borders of marks on
-//! steps which become brighter in the same direction. Within the possible shifts, the picture is treated as an
-//! affine map of the panel's plane about each mark.
+//! picture is searched for its steps of brightness, block by block, and each block stores the nearest of them. For
+//! each rotation of the panel about the piece's normal, the shift is chosen that puts the most borders of marks on
+//! steps which become brighter in the same direction. Within the possible shifts, the picture is treated as an affine
+//! map of the panel's plane about each mark.
 
 use super::edge_map::MarkSteps;
 use super::grid::{Grid, RigidF32, camera_point};
@@ -19,13 +19,13 @@ use rayon::prelude::*;
 /// The numbers of marks that are looked for at each shift and for each score.
 const COARSE_MARKS: usize = 100;
 const SCORE_MARKS: usize = 300;
-/// The largest shift of the panel to each side, as a share of its reach. The second constant is the distance from
+/// The largest shift of the panel to each side, as a fraction of its reach. The second constant is the distance from
 /// one shift to the next, blocks.
 const SHIFT_REACH: f64 = 0.35;
 const SHIFT_BLOCKS: f64 = 3.0;
 /// A mark counts as found at a shift if it lies within this distance of a step, blocks.
 const NEAR_BLOCKS: f64 = 2.5;
-/// The number of starts that are kept: those of the rotations at which the most marks are found.
+/// The number of starts that are used: those of the rotations at which the most marks are found.
 const MAX_STARTS: usize = 8;
 
 /// Returns the distance of a mark from the nearest step of brightness, towards its brighter side, blocks.
@@ -49,7 +49,7 @@ pub(super) fn mark_at(
     Some(Constraint { point, gradient, residual, sample: k })
 }
 
-/// The share of the marks that lie on such a step; 0 if no marks are looked for.
+/// Returns the fraction of the marks that lie on a step of brightness; 0 if no marks are looked for.
 pub(super) fn marks_found(motion: &RigidF32, model: &Model, grid: &Grid, steps: Option<&MarkSteps>) -> f64 {
     let Some(steps) = steps else { return 0.0 };
     let is_on =
@@ -58,8 +58,8 @@ pub(super) fn marks_found(motion: &RigidF32, model: &Model, grid: &Grid, steps: 
     chosen.iter().filter(|k| is_on(k)).count() as f64 / chosen.len().max(1) as f64
 }
 
-/// The place of the panel's middle with the most marks found, and the panel's rotation there, for the best of these
-/// turns.
+/// Returns for each of the best of these rotations the position of the panel's middle at which the most marks are
+/// found, and the rotation.
 pub(super) fn starts(
     model: &Model,
     (grid, steps): (&Grid, &MarkSteps),
@@ -78,8 +78,8 @@ pub(super) fn starts(
     found.into_iter().map(|(_, centre, rotation)| (centre, rotation)).collect()
 }
 
-/// A mark with the panel's middle on the piece's: its place, its displacement for a millimetre to the right and up,
-/// and the direction in which it becomes brighter.
+/// A mark with the panel's middle on the piece's middle: its place, its displacement for a shift of one millimetre to
+/// the right and one up, and the direction in which it becomes brighter.
 struct ShiftedMark {
     place: Vector2<f64>,
     right: Vector2<f64>,

@@ -1,9 +1,8 @@
-//! The shares of the panel and of the scan that were matched.
+//! The fractions of the panel and of the scan that were matched.
 //!
-//! Each taught point is looked up at its projection, each point of the outline at the expected place of its edge,
-//! and the scan's pieces at the places that the taught panel would show. A point that is occluded or out of view is
-//! neither counted against the pose nor as matched; nor is a missing point beside a nearer object, which may shade
-//! it.
+//! Each taught point is looked up at its projection, each point of the outline at the expected place of its edge, and
+//! the scan's pieces at the places that the taught panel would show. A point that is occluded or out of view is
+//! neither counted against the pose nor as matched; nor is a missing point beside a nearer object that may shade it.
 
 use super::edges::Edge;
 use super::fit::{FitInputs, Residuals};
@@ -19,10 +18,10 @@ use rayon::prelude::*;
 pub(super) const EDGE_FOUND_PX: f64 = 1.5;
 /// A channel at this level or above is saturated.
 pub const SATURATED: u8 = 252;
-/// Pieces with at least this share on the panel are part of the panel.
+/// Pieces of which at least this fraction lies on the panel are part of the panel.
 const PART_OF_PANEL: f64 = 0.2;
 
-/// Shares of the taught surface, 0…1.
+/// Fractions of the taught surface, 0…1.
 pub(super) struct SurfaceShares {
     pub found: f64,
     pub through: f64,
@@ -66,7 +65,7 @@ impl SurfaceShares {
     }
 }
 
-/// Shares of the taught outline, 0…1.
+/// Fractions of the taught outline, 0…1.
 pub(super) struct OutlineShares {
     pub found: f64,
     pub absent: f64,
@@ -109,10 +108,10 @@ impl OutlineShares {
     }
 }
 
-/// A panel with less border of marks in view than this has no usable marks, mm.
+/// A panel with a shorter border of marks in view than this has no usable marks, mm.
 const MIN_MARKS_MM: f64 = 100.0;
 
-/// The share of the marks in view that is at its place, by the length of their borders, 0…1.
+/// Returns the fraction of the marks in view that are at their place, by the length of their borders, 0…1.
 pub(super) fn marks_found(residuals: &Residuals, model: &Model) -> Option<f64> {
     let (mut found_mm, mut in_view_mm) = (0.0, 0.0);
     for (mark, edge) in &residuals.mark_edges {
@@ -124,7 +123,7 @@ pub(super) fn marks_found(residuals: &Residuals, model: &Model) -> Option<f64> {
     (in_view_mm >= MIN_MARKS_MM).then(|| found_mm / in_view_mm)
 }
 
-/// Returns the share of the panel's pieces that the taught panel covers. An object attached to the panel at a held
+/// Returns the fraction of the panel's pieces that the taught panel covers. An object attached to the panel at a held
 /// place counts as another piece.
 pub(super) fn scan_found(motion: &RigidF32, inputs: FitInputs<'_>, pieces: &[Piece]) -> f64 {
     if !inputs.model.held_px.is_empty() {
@@ -162,7 +161,7 @@ fn cut_where_held(motion: &RigidF32, inputs: FitInputs<'_>, pieces: &[Piece]) ->
     pieces::pieces(grid, &free)
 }
 
-/// Returns the share of the panel's pixels that are overexposed.
+/// Returns the fraction of the panel's pixels that are overexposed.
 pub(super) fn saturated(motion: &RigidF32, inputs: FitInputs<'_>) -> f64 {
     let FitInputs { model, grid, scan } = inputs;
     let (mut asked, mut over) = (0usize, 0usize);

@@ -1,15 +1,14 @@
-//! The panel's place: 3D registration of a scan (thesis 3.8) and its correction by corners (thesis 3.9).
+//! The panel's pose: 3D registration of a scan (thesis 3.8), and correction of the pose by corners (thesis 3.9).
 //!
 //! The search needs no start value and covers all poses in the search box. The scan is downsampled ([`grid`]) and
 //! segmented into connected pieces in the box ([`pieces`]). The taught panel is aligned with these pieces at every
-//! rotation ([`search`]). The best pose hypotheses are fitted to the surface and to the outline's edges in the
-//! colour picture together ([`fit`], [`edges`]), with the borders of marks inside it (`print_features`,
-//! `mark_edges`), and compared with each other ([`consistency`]). The result is a [`Fit`]: the pose with its
-//! covariance, the agreement of independent starts, and the check of the camera's pose by the fixture. [`gate`]
-//! judges this evidence. [`explain`] marks the origin of a reason in the scan's picture. [`corner`] finds the
-//! panel's corner in a picture of the flange camera, and [`refine`] corrects the pose by it. [`thesis_icp`] is the
-//! thesis's own method, for comparison. An error of the camera's calibration moves taught and located panel alike
-//! and cannot be detected here.
+//! rotation ([`search`]). The best pose hypotheses are fitted to the surface and to the outline's edges in the colour
+//! picture together ([`fit`], [`edges`]), with the borders of marks inside it (`print_features`, `mark_edges`), and
+//! compared with each other ([`consistency`]). The result is a [`Fit`]: the pose with its covariance, the agreement of
+//! independent starts, and the check of the camera's pose by the fixture. [`gate`] judges this evidence. [`explain`]
+//! marks the origin of a reason in the scan's picture. [`corner`] finds the panel's corner in a picture of the flange
+//! camera, and [`refine`] corrects the pose by it. [`thesis_icp`] is the thesis's own method, for comparison. An error
+//! of the camera's calibration moves taught and located panel alike and cannot be detected here.
 
 mod camera_check;
 mod consistency;
@@ -68,7 +67,7 @@ pub use scan_errors::{RangeErrors, ScanErrors};
 use search::PoseHypothesis;
 pub use taught_model::TaughtModel;
 
-/// A scan and the place of its camera.
+/// A scan and the pose of its camera.
 #[derive(Debug, Clone, Copy)]
 pub struct View<'a> {
     /// The scan.
@@ -83,7 +82,7 @@ pub struct View<'a> {
 
 /// The number of samples of a fit that only compares hypotheses, and of the independent starts.
 const WEIGHING_SAMPLES: usize = 3_000;
-/// The offset of the independent starts from the result: a shift as a share of the panel's reach, and a rotation,
+/// The offset of the independent starts from the result: a shift as a fraction of the panel's reach, and a rotation,
 /// rad.
 const START_SHIFT: f64 = 0.02;
 const START_TURN_RAD: f64 = 0.015;
@@ -189,7 +188,7 @@ impl<'a> Prepared<'a> {
         }
     }
 
-    /// Returns the pose by the thesis's method, from a start.
+    /// Returns the pose by the thesis's method, beginning at a start pose.
     fn by_thesis(&self, start: &Rigid<Camera, Panel>) -> Rigid<Camera, Panel> {
         let Prepared { view, grid, inside, .. } = self;
         let points = &self.taught_model.model.points;
@@ -212,9 +211,9 @@ impl<'a> Prepared<'a> {
 enum Panels {
     /// The panel as it was taught.
     AsTaught,
-    /// As it would have to be bent at each of the two poses, and where it then lies. The surface of a bent panel as
-    /// it was taught gives little information on any pose and pulls it aside. The evidence for one pose is the part
-    /// that no bend explains, above all the outline.
+    /// The panel bent as required at each of the two poses, and fitted again. For a bent panel, the taught surface
+    /// gives little information on the pose and displaces the fit. The evidence for one of the poses is then what no
+    /// bend explains, above all the outline.
     AsBent,
 }
 

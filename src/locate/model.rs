@@ -15,7 +15,7 @@ use crate::panel::TaughtPanel;
 use nalgebra::Vector3;
 use std::sync::Arc;
 
-/// A panel is complete if at least this share of its surface gave points.
+/// A panel is complete if at least this fraction of its surface gave points.
 const WHOLE: f64 = 0.9;
 /// A panel with fewer surface points is not sufficiently constrained.
 const MIN_SURFACE: usize = 200;
@@ -37,15 +37,15 @@ pub(super) struct Model {
     pub normal: Vector3<f64>,
     /// Area of the surface, mm².
     pub area_mm2: f64,
-    /// The panel's own depths and the place of its camera.
+    /// The panel's own depths, with the camera's parameters.
     pub grid: Arc<Grid>,
-    /// The place of that camera.
+    /// The pose of that camera.
     pub camera_from_panel: Rigid<Camera, Panel>,
     /// Width of a step of brightness at the outline, px, median.
     pub edge_width_px: f64,
-    /// Share of the panel that gave points at teaching, 0…1, if a person drew its outline; otherwise 1.
+    /// Fraction of the panel that gave points at teaching, 0…1, if a person drew its outline; otherwise 1.
     pub given: f64,
-    /// The shares of the outline that are seen, and the shares that are not.
+    /// The fractions of the outline that are seen, held and unseen.
     pub outline_seen: OutlineSeen,
     /// The places at which something holds the panel, in the taught picture.
     pub held_px: Vec<[Pixel; 4]>,
@@ -107,7 +107,7 @@ impl Model {
         })
     }
 
-    /// Returns whether large parts of the panel gave no points at teaching. Such parts may be missing now as well,
+    /// Returns whether large parts of the panel gave no points at teaching. Points may be missing now as well,
     /// possibly at other places.
     pub fn is_patchy(&self) -> bool {
         self.given < WHOLE

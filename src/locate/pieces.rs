@@ -13,7 +13,8 @@ use nalgebra::Vector3;
 
 /// A piece with fewer blocks is a speck.
 pub(super) const MIN_BLOCKS: usize = 40;
-/// Depth is compared at this distance beyond the border, blocks: nearer pixels have no depth or are flying pixels.
+/// Depth is compared at up to this distance beyond the border, blocks: nearer pixels have no depth or are flying
+/// pixels.
 const BEYOND: isize = 3;
 /// A line lies on a border, or on a step of brightness, if the distance is at most this, blocks.
 pub(super) const ON_BLOCKS: f64 = 1.8;
@@ -74,7 +75,7 @@ impl Piece {
     }
 }
 
-/// The nearest true border of a piece for every block.
+/// For every block, the nearest true border of a piece.
 pub(super) struct Border {
     columns: usize,
     rows: usize,
@@ -82,7 +83,7 @@ pub(super) struct Border {
 }
 
 impl Border {
-    /// The border of a piece, which may have holes at missing points.
+    /// Finds the border of a piece, which may have holes at missing points.
     pub fn from_piece(grid: &Grid, piece: &Piece, may_have_holes: bool) -> Border {
         let (columns, rows) = (grid.columns, grid.rows);
         let mut inside = vec![false; columns * rows];
@@ -93,7 +94,7 @@ impl Border {
         Border::to_blocks(grid, blocks.filter(|&block| is_true_border(grid, &inside, block, may_have_holes)))
     }
 
-    /// Creates a map of the nearest of these blocks, instead of a piece's border.
+    /// Creates a map of the nearest of these blocks, which are used instead of a piece's border.
     pub fn to_blocks(grid: &Grid, blocks: impl Iterator<Item = usize>) -> Border {
         let (columns, rows) = (grid.columns, grid.rows);
         let mut nearest = vec![NONE; columns * rows];
@@ -192,7 +193,7 @@ fn is_true_border(grid: &Grid, inside: &[bool], block: usize, may_have_holes: bo
             None => return false,
             Some(_) => {}
         }
-        // Beyond the edge's own pixels: nearer objects hide the continuation behind them.
+        // Within this distance beyond the edge, a nearer object hides the continuation of the surface.
         let nearer = (1..=BEYOND).filter_map(|far| at(i * far, j * far)).any(|beyond| {
             !inside[beyond] && grid.depth_mm(beyond).is_some_and(|z| z < here_mm && !grid.joined(here_mm, z))
         });

@@ -1,8 +1,8 @@
-//! Point-to-point ICP, the thesis's method (3.8): kept only for comparison.
+//! Point-to-point ICP, the thesis's method (3.8), only for comparison.
 //!
-//! Minimises  E(ᵇT_w) = Σ ‖p − ᵇT_w q‖²  over the pairs (p, q) of K, q taught and p scanned (3.21). Each step is
-//! the motion that fits its pairs best (`geometry::nearest_motion`). A smooth panel slides along itself under this
-//! cost: the result is millimetres off, and the method does not report it. Source: thesis 3.8.
+//! Minimises  E(ᵇT_w) = Σ ‖p − ᵇT_w q‖²  over the pairs (p, q) of K, q taught and p scanned (3.21). Each step is the
+//! motion that fits its pairs best (`geometry::nearest_motion`). A smooth panel slides along itself under this cost:
+//! the result is millimetres off, and the method does not report it. Source: thesis 3.8.
 
 use super::correspond::{Tree, distance_limit_mm, pairs};
 use crate::geometry::{Base, Panel, Point, Rigid, nearest_motion};

@@ -21,7 +21,7 @@ const CELL_PX: usize = 8;
 /// Smallest difference between the two sides of a mark, grey levels: three times the value for an edge of the
 /// outline, and far above a weave.
 const MIN_CONTRAST: f64 = 40.0;
-/// Share of a step's contrast that lies between the two pixels that [`steepest`] compares.
+/// Fraction of a step's contrast that lies between the two pixels that [`steepest`] compares.
 const STEEP: f64 = 0.35;
 /// The smallest change of brightness at the border of a mark, grey levels.
 pub(super) const MIN_STEP: f64 = STEEP * MIN_CONTRAST;
@@ -52,8 +52,8 @@ pub(super) struct TaughtMarks {
 }
 
 impl TaughtMarks {
-    /// Finds the marks of a taught panel with these depths and this surface. Errors are correlated over this
-    /// length, mm: the largest error is the depth that the taught scan gives a mark.
+    /// Finds the marks of a taught panel with these depths and this surface. `alike_mm` is the length over which
+    /// errors are correlated, mm; the largest error is that of a mark's depth in the taught scan.
     pub fn detect(panel: &TaughtPanel, (grid, surface): (&Grid, &Surface), alike_mm: f64) -> TaughtMarks {
         let (columns, rows) = (panel.scan.width() / CELL_PX, panel.scan.height() / CELL_PX);
         let search =

@@ -1,12 +1,12 @@
 //! Finds where a picture changes from one brightness to another along a short line, to a fraction of a pixel.
 //!
-//! Brightness is read every pixel along the line; inside and outside of the edge it has the levels a and b. The
-//! edge lies near the place at which brightness passes the middle between the two. It is the place of an ideal step
-//! with the same sum of brightness:
+//! Brightness is read every pixel along the line; inside and outside of the edge it has the levels a and b. The edge
+//! lies near the place at which brightness passes the middle between the two. The edge's position is that of an ideal
+//! step with the same sum of brightness:
 //!     Σᵢ (b − gᵢ) / (b − a)  =  number of places inside of the edge.                                         (1)
 //! A pixel is the mean over its area, so that (1) holds wherever the edge lies in its pixel; the crossing itself is
-//! drawn to the pixels' middles. A taught and a scanned edge are read alike: the effect of a lens or a gamma on
-//! both cancels.
+//! biased towards the pixels' centres. A taught and a scanned edge are evaluated in the same way, so that the effect
+//! of a lens or a gamma cancels.
 
 use crate::geometry::OrganizedCloud;
 use crate::geometry::{Frame, Pixel};
@@ -18,16 +18,16 @@ pub(super) const PLACES: usize = 2 * REACH + 1;
 /// The levels are read between these two distances from the edge, px.
 const LEVEL_FROM: f64 = 2.5;
 const LEVEL_TO: f64 = 6.0;
-/// The edge is looked for this far from its expected place, px.
+/// The edge is searched up to this distance from its expected position, px.
 const SEARCH: f64 = 3.0;
 /// The sum of (1) extends over this distance to each side of the crossing, px.
 const SUM_REACH: f64 = 1.6;
-/// Maximum difference between the sum and the crossing, px.
+/// Maximum difference between the position by the sum (1) and the crossing, px.
 const MAX_UNLIKE: f64 = 0.5;
 /// Minimum difference between the levels, grey levels.
 const MIN_CONTRAST: f64 = 14.0;
-/// Maximum variation of the positions that determine a level, in grey levels; the second constant is the limit as a
-/// share of the contrast.
+/// Maximum variation of the brightness that determines a level, grey levels; the second constant is the limit as a
+/// fraction of the contrast.
 const MAX_UNEVEN: f64 = 10.0;
 const MAX_UNEVEN_SHARE: f64 = 0.1;
 
@@ -41,7 +41,7 @@ pub(super) struct Step {
     pub offset_px: f64,
     /// Level outside minus level inside, grey levels.
     pub contrast: f64,
-    /// The width of the step at its slope, px.
+    /// The width of the step, from its contrast and its slope, px.
     pub width_px: f64,
 }
 
@@ -75,7 +75,7 @@ pub(super) fn line<F: Frame>(scan: &OrganizedCloud<F>, middle: Pixel, outward: [
     Some(line)
 }
 
-/// The step near a place of a line; `None` if the two sides are too much alike.
+/// Finds the step near a position of a line; `None` if the two sides are too similar.
 pub(super) fn step(line: &Line, expected_px: f64) -> Option<Step> {
     let first = step_once(line, expected_px)?;
     // The levels are read around the edge itself, not around its expected place.
@@ -94,7 +94,7 @@ fn step_once(line: &Line, expected_px: f64) -> Option<Step> {
     let ((inside, uneven_inside), (outside, uneven_outside)) =
         (level(-LEVEL_TO, -LEVEL_FROM)?, level(LEVEL_FROM, LEVEL_TO)?);
     let contrast = outside - inside;
-    // Beside another edge, for example of a post behind the panel, there is no level to read.
+    // Beside another edge, for example of a post behind the panel, the level cannot be determined.
     let uneven = uneven_inside.max(uneven_outside) > MAX_UNEVEN.max(MAX_UNEVEN_SHARE * contrast.abs());
     if contrast.abs() < MIN_CONTRAST || uneven {
         return None;
@@ -113,7 +113,7 @@ fn step_once(line: &Line, expected_px: f64) -> Option<Step> {
     let last = ((crossed + SUM_REACH).ceil() as i64 + REACH as i64).clamp(0, PLACES as i64 - 1) as usize;
     let inside_places: f64 = line[first..=last].iter().map(|gray| (outside - gray) / contrast).sum(); // (1)
     let offset_px = first as f64 - 0.5 + inside_places - REACH as f64;
-    // Otherwise this sum comes from a spot beside the edge, not from the edge.
+    // If the two differ more, the sum comes from a spot beside the edge and not from the edge.
     ((offset_px - crossed).abs() < MAX_UNLIKE).then(|| Step {
         offset_px,
         contrast,

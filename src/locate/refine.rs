@@ -1,20 +1,20 @@
 //! The correction of a localization by corners that the flange camera sees (thesis 3.9, Eq. 3.22–3.25).
 //!
-//! The expected pixel of a corner is the projection of its taught place through the pose to be corrected. The
-//! thesis drives the camera to  ᵇT_newCP = ᵇT_w · ʷT_nominalCP  (3.22), where that pixel is the taught reference
-//! pixel. From any other pose the pixel is known equally well, so the camera may be near there and need not be
-//! exactly there. The thesis then moves the camera in small amounts until both coincide. With the image Jacobian
-//! one computed step is enough: in undistorted image coordinates x, y, at the corner's depth Z,
+//! The expected pixel of a corner is the projection of its taught place through the pose to be corrected. The thesis
+//! drives the camera to  ᵇT_newCP = ᵇT_w · ʷT_nominalCP  (3.22), where that pixel is the taught reference pixel. For
+//! any other pose the pixel can be computed equally well, so the camera need not be exactly at this pose. The thesis
+//! then moves the camera in small amounts until both coincide. With the image Jacobian one computed step is enough: in
+//! undistorted image coordinates x, y, at the corner's depth Z,
 //!     Δ = Z · (x_found − x_expected,  y_found − y_expected)  along the camera's X and Y.                      (3.23)
-//! If a corner is found to the right of its expected place, the camera must move right to see it in its place, and
-//! the panel lies to the right by as much:
+//! If a corner is found to the right of its expected place, the camera must move right to see it at its expected
+//! place, and the panel lies to the right by the same distance:
 //!     ᵇT_w' = ᵇT_w · ʷR_newCP · T(Δ) · ʷR_newCPᵀ,   ʷR_newCP the rotation of  ʷT_newCP = ᵇT_w⁻¹ · ᵇT_newCP.  (3.24, 3.25)
-//! This shifts the panel by Δ along the camera's axes and turns nothing. Several corners give the shift v that fits
-//! all in the sense of least squares. If they lie apart, they also give the turn φ about the direction f in which
-//! the cameras look: a corner p then moves by  v + φ f × (p − p̄).  A direction along which every camera looks
-//! stays as it was. The errors that remain at the corners show whether they are corners of one rigid panel; the
-//! requested correction shows whether they agree with the 3D scan. Neither is averaged away: see [`judge`] and
-//! [`disagreement`].
+//! This shifts the panel by Δ along the camera's axes without a rotation. Several corners give the shift v that fits
+//! all of them in the sense of least squares. If they lie apart, they also give the rotation φ about the direction f
+//! in which the cameras look: a corner p then moves by  v + φ f × (p − p̄).  Along a direction in which every camera
+//! looks, the pose is not corrected. The errors that remain at the corners show whether they are corners of one rigid
+//! panel; the requested correction shows whether they agree with the 3D scan. Neither is averaged away: see [`judge`]
+//! and [`disagreement`].
 
 mod correction;
 mod judge;
@@ -30,8 +30,8 @@ use nalgebra::{Isometry3, Matrix4, Translation3, UnitQuaternion, Vector3, Vector
 /// across it). Two cameras with almost the same view would turn a pixel's error into millimetres of depth.
 const MIN_WEIGHT: f64 = 0.2;
 
-/// If the corners are nearer to their middle than this (root mean square, mm), the rotation is not corrected: an
-/// error of a pixel would cause degrees.
+/// If the corners are nearer to their centroid than this (root mean square, mm), the rotation is not corrected: an
+/// error of a pixel would cause an error of degrees.
 const MIN_APART_MM: f64 = 25.0;
 
 /// One corner picture.
@@ -41,7 +41,7 @@ pub struct CornerView<'a> {
     pub corner: usize,
     /// The corner as taught.
     pub taught: &'a TaughtCorner,
-    /// The place of the camera at this picture: base_from_flange · flange_from_camera.
+    /// The pose of the camera at this picture: base_from_flange · flange_from_camera.
     pub base_from_camera: Rigid<Base, FlangeCamera>,
     /// The pixel at which the corner was found.
     pub found_px: Pixel,
@@ -69,7 +69,7 @@ pub enum RefineError {
 /// Corrects a pose by one or more corner pictures.
 ///
 /// # Errors
-/// If there is no view, or a corner is not before its camera.
+/// If there is no view, or a corner is not in front of its camera.
 pub fn refine(
     located: Rigid<Base, Panel>,
     camera: &PinholeCamera,
@@ -118,7 +118,8 @@ struct CornerObservation {
     down: Vector<Base>,
 }
 
-/// One corner by itself; the depth if the corner is not in view.
+/// Evaluates one corner by itself; if its projection is not possible, returns the depth of the expected corner as the
+/// error.
 fn look(
     located: Rigid<Base, Panel>,
     camera: &PinholeCamera,

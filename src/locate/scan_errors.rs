@@ -8,7 +8,7 @@ use std::f64::consts::SQRT_2;
 /// The smooth errors of scans, which many points share.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RangeErrors {
-    /// Side of the squares over which the errors are alike, mm.
+    /// Side of the squares within which the errors are correlated, mm.
     pub correlation_mm: f64,
     /// One standard deviation of the mean of a surface residual between two scans, over a square with the side
     /// `correlation_mm`, mm.
@@ -16,16 +16,15 @@ pub struct RangeErrors {
     /// One standard deviation of the taught scan's error at a point of the outline, mm. The error lies along the
     /// taught rays, so that it appears sideways from another view.
     pub of_taught_mm: f64,
-    /// One standard deviation of the scale error that all scans share: the camera's distances are too long or too
-    /// short by this share.
+    /// One standard deviation of the scale error that all scans share: the relative error of the camera's distances.
     pub scale: f64,
-    /// One standard deviation of the scale error that differs from scan to scan, as a share.
+    /// One standard deviation of the relative scale error that differs from scan to scan.
     pub scale_between_scans: f64,
     /// Were they measured?
     pub is_measured: bool,
 }
 
-/// The error of a point is this many times that of a square's mean.
+/// The error of a point is this multiple of the error of a square's mean.
 const POINT: f64 = 1.5;
 
 impl Default for RangeErrors {
@@ -73,24 +72,25 @@ pub struct ScanErrors {
     pub range: RangeErrors,
     /// The part that is the same in each scan and is removed; `None` if it is not known.
     pub field: Option<DepthField>,
-    /// Measured over true distances, less one, in all scans alike: removed too; 0 if it is not known.
+    /// Measured distances relative to true distances, minus one, in all scans alike: removed as well; 0 if it is not
+    /// known.
     pub scale_off: f64,
 }
 
-/// The length of the printed board by which the scale was measured is itself known to this share, one standard
-/// deviation. By a caliper, 0.1 mm of 200 mm is two standard deviations.
+/// The length of the printed board with which the scale was measured has itself this relative uncertainty, one
+/// standard deviation. Measured with a caliper, 0.1 mm of 200 mm is two standard deviations.
 const BOARD_SHARE: f64 = 0.000_25;
 
 impl ScanErrors {
-    /// The errors as measured, if there was a measurement.
+    /// Returns the errors as measured, or the defaults if there was no measurement.
     pub fn from_measured(measured: Option<&MeasuredScanner>) -> Self {
         let Some(measured) = measured else { return ScanErrors::default() };
         let range = RangeErrors {
             correlation_mm: measured.correlation_mm,
             between_scans_mm: SQRT_2 * measured.smooth_mm,
             of_taught_mm: POINT * measured.smooth_mm,
-            // The removed scale relates to the stated squares of the board, which nothing here verifies. Therefore
-            // it counts completely, in addition to the errors of the board's length and of the measurement.
+            // The removed scale refers to the stated squares of the board, which are not verified here. Therefore it
+            // counts completely, in addition to the errors of the board's length and of the measurement.
             scale: (measured.scale_percent / 100.0)
                 .hypot(BOARD_SHARE)
                 .hypot(measured.scale_deviation_percent / 100.0 / (measured.places.max(1) as f64).sqrt()),

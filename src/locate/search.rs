@@ -1,11 +1,11 @@
 //! Pose hypotheses for a scan, without a start value.
 //!
-//! A piece of the scan has a centroid and a mean normal. The taught panel is aligned with them at every rotation
-//! about the normal, and at some shifts, since part of the piece may be occluded. Each of these starts is moved by
-//! the surface and by the piece's true border to its local optimum. Its score counts in both directions: taught
-//! points that lie on the scan against those that the scan sees through; outline points on the border; the piece's
-//! points that the taught panel covers. No features are used, as a smooth panel has none. But if much of a panel
-//! with marks gives no points, the borders of marks are used, too (`mark_search`).
+//! A piece of the scan has a centroid and a mean normal. The taught panel is aligned with them at every rotation about
+//! the normal, and at some shifts, since part of the piece may be occluded. Each of these starts is moved by the
+//! surface and by the piece's true border to its local optimum. The score of a hypothesis evaluates both directions:
+//! taught points that lie on the scan, minus those with something farther away at their place; outline points on the
+//! border; and points of the piece that the taught panel covers. No features are used, as a smooth panel has none. But
+//! if much of a panel with marks gives no points, the borders of marks are used, too (`mark_search`).
 
 use super::edge_map::MarkSteps;
 use super::grid::{DepthReading, Grid, RigidF32, Scan, camera_point};
@@ -22,9 +22,9 @@ use rayon::prelude::*;
 
 /// The number of rotations about the normal.
 const TURNS: usize = 36;
-/// The same if marks are looked for.
+/// The number of rotations if marks are looked for.
 const MARK_TURNS: usize = 72;
-/// The number of shifts to each side along both axes, and their step as a share of the panel's reach.
+/// The number of shifts to each side along both axes, and their step as a fraction of the panel's reach.
 const SHIFTS: i32 = 2;
 const SHIFT_STEP: f64 = 0.13;
 /// The numbers of surface points for a first evaluation, for moving a start, and for its score.
@@ -35,14 +35,14 @@ const SCORE_POINTS: usize = 900;
 /// outline points for its score.
 const MOVE_LINES: usize = 160;
 const SCORE_OUTLINE: usize = 300;
-/// Permitted distance of the surfaces in the first evaluation, as a share of the panel's reach: the piece's normal
+/// Permitted distance of the surfaces in the first evaluation, as a fraction of the panel's reach: the piece's normal
 /// is not precise.
 const COARSE_DISTANCE: f64 = 0.09;
 /// The number of rounds in which a start is moved; the limit of the residuals shrinks by the second constant in
 /// each round.
 const ROUNDS: usize = 14;
 const SHRINK: f64 = 0.82;
-/// Starts by marks are near from the beginning, and omit the rounds before this one.
+/// Starts from marks are already near the result, and omit the rounds before this one.
 const FIRST_ROUND_BY_MARKS: usize = 6;
 const FIRST_REACH_MM: f64 = 20.0;
 const LAST_REACH_MM: f64 = 2.0;
@@ -52,19 +52,19 @@ const LAST_REACH_BLOCKS: f64 = 3.0;
 const ON_MM: f64 = 1.5;
 /// Distance from the outline at which missing points are looked for, mm.
 const BESIDE_MM: f64 = 3.0;
-/// Hypotheses closer than this are the same, as a share of the panel's extent.
+/// Hypotheses closer together than this count as the same, as a fraction of the panel's reach.
 const SAME: f64 = 0.06;
-/// A hypothesis with a score this much below the best is dropped; the score is at most 3, or 4 with marks.
+/// A hypothesis whose score is lower than the best by this much is dropped; the score is at most 3, or 4 with marks.
 const WORSE: f64 = 1.2;
-/// Pose hypotheses that are kept; and their number if much of the taught panel is missing, so that pieces and
-/// borders carry less information.
+/// The number of pose hypotheses that are kept; the second constant is their number if much of the taught panel is
+/// missing, so that pieces and borders carry less information.
 const MAX_HYPOTHESES: usize = 5;
 const MAX_PATCH_HYPOTHESES: usize = 20;
-/// A piece with a smaller share of the panel's area is not a start by itself. Below the second constant it is not
-/// even a part of a start.
+/// A piece with less than this fraction of the panel's area is not a start by itself. Below the second constant it is
+/// not even a part of a start.
 const ALONE: f64 = 0.3;
 const PART: f64 = 0.05;
-/// A piece larger than the panel by this factor is another object.
+/// A piece that is larger than the panel by this factor is another object.
 const TOO_LARGE: f64 = 3.5;
 
 /// A pose hypothesis, with a score from −2 to 4 for its agreement with the scan.
@@ -94,7 +94,7 @@ pub(super) fn kept(model: &Model) -> usize {
     if model.is_patchy() { MAX_PATCH_HYPOTHESES } else { MAX_HYPOTHESES }
 }
 
-/// Starts: single pieces, and several as one if something divides the panel.
+/// Returns the pieces used as starts: single pieces, and several pieces joined, in case something divides the panel.
 pub(super) fn candidates(model: &Model, grid: &Grid, pieces: &[Piece]) -> Vec<Piece> {
     let parts: Vec<&Piece> =
         pieces.iter().filter(|piece| (PART..TOO_LARGE).contains(&(piece.area_mm2 / model.area_mm2))).collect();
@@ -120,7 +120,7 @@ pub(super) fn reach_mm(model: &Model) -> f64 {
     model.outline.iter().map(|sample| (sample.point - model.centre).norm()).fold(0.0, f64::max)
 }
 
-/// Returns the pose hypotheses that these pieces allow, best first, with no two alike.
+/// Returns the pose hypotheses that these pieces allow, best first, all different from each other.
 pub(super) fn search(model: &Model, (grid, scan): (&Grid, &Scan), pieces: &[Piece]) -> Vec<PoseHypothesis> {
     let reach_mm = reach_mm(model);
     let mut found: Vec<PoseHypothesis> = Vec::new();
@@ -158,7 +158,8 @@ pub(super) fn search(model: &Model, (grid, scan): (&Grid, &Scan), pieces: &[Piec
     distinct
 }
 
-/// The panel at one turn about the piece's normal, at the shift at which the scan shows its points best.
+/// Returns the pose at one rotation about the piece's normal, with the shift at which the most taught points agree
+/// with the scan.
 fn best_shift(model: &Model, grid: &Grid, piece: &Piece, turn: f64, reach_mm: f64) -> Option<Rigid<Camera, Panel>> {
     let rotation = turned(model, piece, turn);
     let right = rotation * any_across(&model.normal);
@@ -189,8 +190,8 @@ fn best_shift(model: &Model, grid: &Grid, piece: &Piece, turn: f64, reach_mm: f6
     Some(centred(model, piece.centre + shift, &rotation))
 }
 
-/// Returns the rotation that aligns the taught panel's normal with the piece's normal, followed by this part of a
-/// full turn about it.
+/// Returns the rotation that aligns the taught panel's normal with the piece's normal, followed by this fraction of a
+/// full turn about that normal.
 fn turned(model: &Model, piece: &Piece, turn: f64) -> Rotation3<f64> {
     let upright = Rotation3::rotation_between(&model.normal, &piece.normal)
         .unwrap_or_else(|| Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
@@ -211,7 +212,7 @@ fn any_across(direction: &Vector3<f64>) -> Vector3<f64> {
     direction.cross(&axis).normalize()
 }
 
-/// Moves a start by surface and lines, in a fixed number of rounds, whether the residuals become small or not.
+/// Moves a start onto the scan by surface and lines, in a fixed number of rounds, regardless of the residuals.
 fn move_onto(start: Rigid<Camera, Panel>, model: &Model, grid: &Grid, by: By<'_>) -> Option<Rigid<Camera, Panel>> {
     let on_surface = spread_over(model.points.len(), MOVE_POINTS);
     let (count, first_round) = match by {
@@ -247,7 +248,8 @@ pub(super) fn surface_at(motion: &RigidF32, model: &Model, grid: &Grid, chosen: 
     chosen.iter().filter_map(|&sample| surface_residual(motion, model, grid, sample)).collect()
 }
 
-/// (1) of `grid` at one taught point; `None` if the scan shows no smooth surface, or the point faces away.
+/// Computes (1) of `grid` at one taught point; `None` if the scan shows no smooth surface there, or the point faces
+/// away.
 pub(super) fn surface_residual(motion: &RigidF32, model: &Model, grid: &Grid, sample: usize) -> Option<Constraint> {
     let point = motion.point(&model.points[sample]);
     let normal = motion.turn * model.normals[sample];
@@ -275,7 +277,8 @@ fn border_at(motion: &RigidF32, model: &Model, grid: &Grid, border: &Border, k: 
     Some(Constraint { point, gradient, residual, sample: k })
 }
 
-/// Are points missing just inside of the outline, so that the scan does not show whether the panel ends here?
+/// Returns whether points are missing just inside of the outline, so that the scan does not show whether the panel
+/// ends here.
 fn is_unknown_beside(motion: &RigidF32, model: &Model, grid: &Grid, k: usize) -> bool {
     let sample = &model.outline[k];
     let inside = motion.point(&(sample.point - sample.outward * BESIDE_MM));
@@ -348,7 +351,7 @@ pub(super) fn observe_point(motion: &RigidF32, model: &Model, grid: &Grid, sampl
     }
 }
 
-/// Returns the share of a piece's points that the taught panel covers at a pose.
+/// Returns the fraction of a piece's points that the taught panel covers at a pose.
 pub(super) fn covered(motion: &RigidF32, model: &Model, grid: &Grid, piece: &Piece, wanted: usize) -> f64 {
     let back = motion.inverse();
     let taught = RigidF32::from_rigid(&model.camera_from_panel);

@@ -1,19 +1,19 @@
-//! Checks whether an object before the panel may block the light of the 3D camera's projector.
+//! Checks whether an object in front of the panel may block the light of the 3D camera's projector.
 //!
 //! A camera with a projector has no points where its projector does not reach. The projector is mounted beside the
 //! lens, along the picture's rows, at a distance of at most B. An object at the depth z′ can shade a place at the
 //! depth z only if it is seen in the same row, at a distance of at most
 //!     f B (1/z′ − 1/z) px.                                                                               (1)
-//! The side depends on the camera, so both are examined. A panel cannot shade itself: with slope s over k px, (1)
-//! is k s B / z, which is less than k up to s = 6, 81°.
+//! The side of the object depends on the camera, so both sides are examined. A panel cannot shade itself: with slope s
+//! over k px, (1) is k s B / z, which is less than k up to s = 6, 81°.
 
 use super::grid::Grid;
 use crate::geometry::Pixel;
 
-/// No projector is farther from its lens, mm: that of a Zivid Two is 112 away.
+/// Largest distance of a projector from its lens, mm: in a Zivid Two it is 112 mm.
 const MAX_BASELINE_MM: f64 = 120.0;
 
-/// Returns whether a nearer object may keep the light from a place at this depth.
+/// Returns whether a nearer object may block the light at a place of this depth.
 pub(super) fn may_hide(grid: &Grid, pixel: Pixel, depth_mm: f64) -> bool {
     let [x, y] = grid.place(pixel).map(f64::round);
     if !(x >= 0.0 && y >= 0.0 && x < grid.columns as f64 && y < grid.rows as f64) {

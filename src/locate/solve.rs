@@ -23,7 +23,7 @@ const MIN_CONDITION: f64 = 1e-9;
 pub(super) struct Constraint {
     /// The point in the camera's frame, mm.
     pub point: Vector3<f64>,
-    /// The gradient of the residual with the point's position, per mm.
+    /// The gradient of the residual with respect to the point's position, per mm.
     pub gradient: Vector3<f64>,
     /// The residual.
     pub residual: f64,
@@ -100,7 +100,7 @@ impl Sums {
         Sums { information: self.information + other.information, gradient: self.gradient + other.gradient }
     }
 
-    /// Returns the twist of (1); `None` if a direction is free.
+    /// Returns the twist of (1); `None` if a direction is unconstrained.
     pub fn twist(&self) -> Option<Vector6<f64>> {
         let inverse = self.information.try_inverse()?;
         // A matrix can have an inverse by rounding alone; a direction without information must end as such, not as a
@@ -115,7 +115,7 @@ impl Sums {
 const ZERO_6: nalgebra::ArrayStorage<f64, 6, 6> = nalgebra::ArrayStorage([[0.0; 6]; 6]);
 const ZERO_1: Vector6<f64> = Vector6::from_array_storage(nalgebra::ArrayStorage([[0.0; 6]]));
 
-/// Returns the median absolute residual, scaled to the standard deviation of a normal distribution.
+/// Returns the median absolute residual, scaled to a normal distribution's standard deviation.
 pub(super) fn spread(constraints: &[Constraint]) -> f64 {
     let mut sizes: Vec<f64> = constraints.iter().map(|constraint| constraint.residual.abs()).collect();
     SIGMA_OF_MEDIAN * median(&mut sizes).unwrap_or(0.0)

@@ -1,5 +1,5 @@
-//! The data that the localization derives from a taught panel before there is a scan: once, because nothing here
-//! depends on the scan.
+//! The data that the localization derives from a taught panel before there is a scan; derived once, because they do
+//! not depend on the scan.
 
 use super::LocateError;
 use super::grid::Grid;

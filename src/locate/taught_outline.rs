@@ -19,9 +19,9 @@ use rayon::prelude::*;
 const CONTOUR_REACH: usize = 5;
 /// Distance of the outline's points along the contour, px.
 const CONTOUR_STEP: usize = 2;
-/// Distance of the mask's border inside the edge, px: pixels that are only half on the panel have no point.
+/// Distance of the mask's border inside of the edge, px: pixels that are only half on the panel have no point.
 const MASK_INSET_PX: f64 = 1.0;
-/// A contour place this near to a held place is not used, because its mean includes held pixels, px.
+/// A place of the contour within this distance of a held place is not used, because its mean includes held pixels, px.
 const HELD_NEAR_PX: f64 = (CONTOUR_REACH + 1) as f64;
 /// Number of points to each side that determine the direction of the outline.
 const ALONG_REACH: usize = 3;
@@ -45,16 +45,16 @@ pub(super) struct OutlinePoint {
     pub by_colour: bool,
 }
 
-/// The means by which the taught outline is seen: shares of its points, 0…1.
+/// The evidence for the taught outline: fractions of its points, 0…1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OutlineSeen {
-    /// Share whose edge is seen by colour.
+    /// Fraction whose edge is seen by colour.
     pub by_colour: f64,
     /// By depth alone.
     pub by_depth: f64,
-    /// Share at which something holds the panel.
+    /// Fraction at which something holds the panel.
     pub held: f64,
-    /// Share at which neither colour nor depth shows the edge, or no surface was measured beside it.
+    /// Fraction at which neither colour nor depth shows the edge, or no surface was measured beside it.
     pub unseen: f64,
 }
 
@@ -101,7 +101,7 @@ impl TaughtOutline {
         let steps = contour.len().div_ceil(CONTOUR_STEP);
         let is_held: Vec<bool> =
             (0..steps).map(|k| panel.is_held_near(contour[k * CONTOUR_STEP], HELD_NEAR_PX)).collect();
-        // The direction at a point beside a held stretch would be computed across that stretch.
+        // Beside a held stretch, the direction would be computed across that stretch: such points are not used.
         let is_used =
             |k: usize| (k + steps - ALONG_REACH..=k + steps + ALONG_REACH).all(|near| !is_held[near % steps]);
         let found: Vec<Option<EdgePoint>> = (0..steps)
@@ -155,8 +155,8 @@ impl OutlineContext<'_> {
         (length > 1e-6).then(|| (Pixel::at(u, v), outward()))
     }
 
-    /// Finds the edge beside a place of the contour, on the surface; `None` if no surface was measured, or if
-    /// nothing shows an edge that a person drew.
+    /// Finds the edge beside a place of the contour, on the surface; `None` if no surface was measured there, or if
+    /// neither colour nor depth shows an edge at a line that a person drew.
     fn edge(&self, k: usize) -> Option<EdgePoint> {
         let (middle, outward) = self.place(k)?;
         let (offset_px, width_px) = match &self.scan {
@@ -199,7 +199,7 @@ impl OutlineContext<'_> {
         }
     }
 
-    /// An edge with its directions; `None` if its neighbours do not determine them.
+    /// Returns the outline point for an edge, with its directions; `None` if the neighbours do not determine them.
     fn point(&self, edges: &[EdgePoint], k: usize) -> Option<OutlinePoint> {
         let count = edges.len();
         let EdgePoint { point: here, normal, width_px } = edges[k];

@@ -7,8 +7,8 @@ use rayon::prelude::*;
 
 /// Half the width of the neighbourhood that determines a normal, blocks.
 const NORMAL_REACH: usize = 2;
-/// Greatest distance of the blocks to which the surface at an edge is fitted, blocks. Then the number of blocks
-/// needed, and the greatest distance of the nearest block.
+/// Maximum distance of the blocks to which the surface at an edge is fitted, blocks. The next constants are the number
+/// of blocks needed, and the maximum distance of the nearest block.
 const EDGE_REACH: isize = 7;
 const MIN_BESIDE: usize = 25;
 const MAX_BESIDE: f64 = 4.0;
@@ -51,8 +51,8 @@ impl Surface {
         surface
     }
 
-    /// Returns depth and normal of the surface at a place beside it. The inverse depth is extrapolated as a
-    /// second-order polynomial, because planes alone would deviate from a bent surface to one side.
+    /// Returns depth and normal of the surface at a place beside the measured blocks. The inverse depth is
+    /// extrapolated as a second-order polynomial, because planes alone would deviate from a bent surface to one side.
     pub fn beside(&self, grid: &Grid, pixel: Pixel) -> Option<(f64, Vector3<f64>)> {
         let [x, y] = grid.place(pixel);
         let (column, row) = (x.round() as isize, y.round() as isize);

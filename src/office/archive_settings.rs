@@ -1,4 +1,4 @@
-//! `archive.toml`: the places of the broker, the database and the folder of files.
+//! `archive.toml`: the broker, the database and the folder of files of the archive.
 
 use crate::cell::Broker;
 use crate::config::{self, Problems, Section};

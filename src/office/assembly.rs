@@ -1,7 +1,8 @@
-//! Parts joined into a whole, in any order and with any number of repetitions.
+//! Joins parts into a message or a file; parts may arrive in any order and any number of times.
 //!
-//! Each part comes with a receipt, with which the broker is notified once the whole is kept. A part that comes
-//! again brings a new receipt, which replaces the former one. So an item that never becomes whole does not grow.
+//! Each part arrives with a receipt, with which it is acknowledged to the broker once the whole item is stored. A
+//! repeated part brings a new receipt, which replaces the previous one. So an item that never becomes complete does
+//! not grow.
 
 use super::chunk::{Chunk, ChunkOwner};
 use super::error::OfficeError;
@@ -9,7 +10,7 @@ use crate::cell::CellName;
 use crate::files::content_hash;
 use std::collections::BTreeMap;
 
-/// Limit of the bytes that are joined at one time. If more is begun, the oldest item is dropped: it is sent again.
+/// Limit of the bytes of all incomplete items. If more bytes arrive, the oldest item is dropped: it is sent again.
 const MAX_BYTES: usize = 512 << 20;
 
 /// A message or a file of which all parts have arrived.
@@ -68,8 +69,8 @@ impl<R> Assembly<R> {
     /// Adds a part; returns the whole if this part completes it.
     ///
     /// # Errors
-    /// If the part contradicts the parts before it, or the whole is not the file that its name states. All parts
-    /// received until then are forgotten.
+    /// If the part contradicts earlier parts, or the hash of the complete file differs from its name. All parts
+    /// received until then are dropped.
     pub fn add(&mut self, chunk: Chunk, receipt: R) -> Result<Option<Assembled<R>>, Unfit<R>> {
         let Chunk { cell, what, part, parts, bytes } = chunk;
         let key = (cell, what);

@@ -67,7 +67,7 @@ impl Envelope {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NamedFile {
-    /// Use of the file in the record, "picture overlay" or "recipe".
+    /// Purpose of the file in the record, such as "picture overlay" or "recipe".
     pub name: String,
     /// Its SHA-256.
     pub hash: String,

@@ -1,4 +1,5 @@
-//! The state of a cell, which it reports to the office repeatedly. A report may be lost: the next one comes soon.
+//! The state of a cell, which it reports to the office repeatedly. A report may be lost, because the next one follows
+//! soon.
 
 use super::error::OfficeError;
 use super::position::Position;
@@ -19,7 +20,7 @@ pub struct CellState {
     pub unix_ms: i64,
     /// The program's version.
     pub version: String,
-    /// The state's word; `None` if the loop does not answer.
+    /// The keyword of the state; `None` if the loop does not answer.
     pub state: Option<String>,
     /// The current phase of the running cycle.
     pub phase: Option<String>,

@@ -53,10 +53,10 @@ struct Head {
     parts: u32,
 }
 
-/// Cuts bytes into parts; no bytes are one part too.
+/// Divides bytes into parts; an empty content is one part, too.
 ///
 /// # Errors
-/// If this gives too many parts.
+/// If there would be too many parts.
 pub fn chunks(cell: &CellName, what: &ChunkOwner, bytes: &[u8]) -> Result<Vec<Chunk>, OfficeError> {
     let count = bytes.len().div_ceil(PART_BYTES).max(1);
     let allowed = || OfficeError::Large { found: format!("{count} parts"), allowed: format!("{MAX_PARTS} parts") };
@@ -70,7 +70,7 @@ pub fn chunks(cell: &CellName, what: &ChunkOwner, bytes: &[u8]) -> Result<Vec<Ch
 }
 
 impl Chunk {
-    /// Returns the name by which the broker recognizes the part. `again` changes it if the part is sent again
+    /// Returns the name by which the broker recognizes the part. `again` changes the name if the part is sent again
     /// because the office does not have it.
     pub fn message_id(&self, again: u64) -> String {
         let Chunk { cell, what, part, .. } = self;

@@ -9,7 +9,7 @@ const MAX_MESSAGES: usize = 50;
 /// The result of a comparison.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Compared {
-    /// Number of items that both have with the same hash.
+    /// Number of items that cell and office have with the same hash.
     pub same: u64,
     /// The differences, in words.
     pub found: Vec<String>,

@@ -72,8 +72,8 @@ impl Message {
         Ok(bytes)
     }
 
-    /// Reads a message. Its content must have the hash that the head states, must be readable as its kind, and must
-    /// be signed by the key that it names. The caller must check that this key is the cell's.
+    /// Reads a message. Its content must have the hash that the head states, must be readable as its kind, and must be
+    /// signed with the key that the message names. The caller must check that this key is the cell's.
     ///
     /// # Errors
     /// If one of these conditions is not met.

@@ -1,13 +1,13 @@
-//! Records on their way to the office: their content, how it is cut into messages, and whether cell and office hold
-//! the same.
+//! Records that are sent to the office: their content, their division into messages, and the comparison of the data of
+//! cell and office.
 //!
-//! A cell numbers everything that the office must receive (see `store`, table `outbox`): the end of each cycle,
-//! each signature with the statement that it signs, each verification. The cell, the epoch and the number name one
-//! of these items for ever; its content is named by its SHA-256. An item is sent at least once, and the office
-//! keeps the first one of each name. A second one with the same hash is ignored. A second one with another hash is
-//! a contradiction: it is kept and reported, and never replaces the first.
+//! A cell numbers everything that the office must receive (see `store`, table `outbox`): the end of each cycle, each
+//! signature with the statement that it signs, each verification. The cell, the epoch and the number identify each of
+//! these items permanently; the SHA-256 identifies its content. An item is sent at least once, and the office stores
+//! the first item with each name. A second item with the same hash is ignored. A second item with another hash is a
+//! contradiction: it is stored and reported, and never replaces the first.
 //!
-//! Files that a record names (pictures, recipe, calibrations) are sent before it, under their hash.
+//! Files that a record names (pictures, recipe, calibrations) are sent before the record, under their hash.
 //!
 //! Pure: sockets are handled in `broker`, `daemon/office` and `archive`.
 

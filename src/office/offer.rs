@@ -1,5 +1,5 @@
-//! A recipe that the office has approved and offers to its cells. A cell never adopts a recipe automatically: a
-//! person there checks the difference and approves it like any change.
+//! A recipe that the office has approved and offers to its cells. A cell never adopts a recipe automatically: a person
+//! at the cell checks the difference and approves it like any other change.
 
 use super::error::OfficeError;
 use crate::files::content_hash;

@@ -6,7 +6,7 @@ use strum::{EnumString, IntoStaticStr, VariantArray};
 /// A position among all items that one store sends.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct Position {
-    /// A random name, 32 hexadecimal digits; a new one begins if a store does not have all of its past.
+    /// A random name, 32 hexadecimal digits; a store that does not have all of its history begins a new epoch.
     pub epoch: String,
     /// The number, from 1, without gaps; 0 before the first item.
     pub number: u64,

@@ -1,8 +1,8 @@
-//! How far a cell has sent each epoch, and how far the office confirms it.
+//! The progress of a cell in sending each epoch, and the office's confirmation.
 //!
-//! The office decides: data that it does not have is sent again, even if the broker once accepted it. So a broker
-//! or a database that is restored without its last days costs only time. A loss of this progress costs no more:
-//! everything is then sent again, and the office recognizes it by its names.
+//! The office decides: data that it does not have is sent again, even if the broker once accepted it. So if a broker
+//! or a database is restored without its last days, only time is lost. The same is true if this progress is lost:
+//! everything is then sent again, and the office recognizes the items by their names.
 
 use super::position::Position;
 use serde::{Deserialize, Serialize};
@@ -24,7 +24,7 @@ pub struct Progress {
     again: u64,
 }
 
-/// The result of a report from the office.
+/// The result of a report from the office on what it has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OfficeSays {
     /// It has at least the data that the cell expects there.
@@ -37,7 +37,7 @@ pub enum OfficeSays {
 }
 
 impl Progress {
-    /// Returns the number of an epoch up to which nothing needs to be sent.
+    /// Returns the number of an epoch up to which all items are sent.
     pub fn sent(&self, epoch: &str) -> u64 {
         self.sent.get(epoch).copied().unwrap_or(0)
     }
@@ -62,7 +62,7 @@ impl Progress {
         last.iter().map(|last| last.number.saturating_sub(self.archived(&last.epoch))).sum()
     }
 
-    /// Takes note of the broker's stream. A different stream contains nothing of what was sent to the previous one.
+    /// Records which stream the broker has. A different stream contains nothing of what was sent to the previous one.
     pub fn at_stream(&mut self, stream: &str) {
         if self.stream != stream {
             stream.clone_into(&mut self.stream);
@@ -70,14 +70,14 @@ impl Progress {
         }
     }
 
-    /// The broker accepted everything up to here; an item that was sent again may be older than the last.
+    /// Records that the broker accepted everything up to here; an item that was sent again may be older than the last.
     pub fn took(&mut self, position: &Position) {
         let sent = self.sent.entry(position.epoch.clone()).or_default();
         *sent = position.number.max(*sent);
     }
 
-    /// Processes the office's report up to which number it has all of an epoch; the last number in the store is
-    /// `last`.
+    /// Processes the office's report, which states the number up to which the office has all items of an epoch; the
+    /// last number in the store is `last`.
     pub fn on_archived(&mut self, epoch: &str, archived: u64, last: u64) -> OfficeSays {
         if archived > last {
             return OfficeSays::HasMore;

@@ -7,7 +7,7 @@ use crate::files::content_hash;
 pub const STREAM: &str = "PANELPREP";
 /// Every subject of this stream.
 pub const ALL_RECORDS: &str = "panelprep.records.*";
-/// The stream of the office's reports of what it has: the last report for each cell and epoch.
+/// The stream in which the office reports which items it has: the last report for each cell and epoch.
 pub const ARCHIVED_STREAM: &str = "PANELPREP_ARCHIVED";
 /// Every subject of this stream.
 pub const ALL_ARCHIVED: &str = "panelprep.archived.*.*";
@@ -31,7 +31,7 @@ pub fn records(cell: &CellName) -> String {
     format!("panelprep.records.{cell}")
 }
 
-/// The subject on which the office reports how far it has an epoch of a cell.
+/// The subject on which the office reports up to which number it has an epoch of a cell.
 pub fn archived(cell: &CellName, epoch: &str) -> String {
     format!("panelprep.archived.{cell}.{epoch}")
 }

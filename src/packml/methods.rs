@@ -1,9 +1,9 @@
-//! The one table of methods: what each requests, its arguments, and the permission that it needs. A method that is
-//! not in the table cannot be called.
+//! The one table of methods, with the request, the arguments and the required permission of each. A method that is not
+//! in the table cannot be called.
 
 use crate::accounts::{Permission, Role};
 
-/// What a method requests. Each is one of the service's own requests, through the same gates.
+/// The requests of the methods. Each is one of the service's own requests, checked by the same gates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, strum::VariantArray)]
 #[expect(missing_docs, reason = "the names are those of the service's requests")]
 pub enum Command {
@@ -68,7 +68,7 @@ pub struct Method {
 }
 
 impl Method {
-    /// Returns whether it may be called in this role; `None` is a caller without an account.
+    /// Returns whether a caller with this role may call the method; `None` is a caller without an account.
     pub fn is_allowed(&self, role: Option<Role>) -> bool {
         self.needs.is_none_or(|permission| role.is_some_and(|role| role.may(permission)))
     }

@@ -1,5 +1,5 @@
-//! The one table of nodes: the place of each, its kind, its unit and meaning, and how its value follows from the
-//! known state.
+//! The one table of nodes: the path of each node, its kind, its unit and meaning, and the calculation of its value
+//! from the known state.
 
 use super::snapshot::{Snapshot, Verified, alarm_id};
 use super::unit::{UnitMode, UnitState};
@@ -52,7 +52,7 @@ fn robot(now: &Snapshot) -> Value {
     some(now.state, |state| Value::String(state.facts.robot.word().to_owned()))
 }
 
-/// Returns why the unit does not work on a panel: the first reason, if the unit neither works nor is about to.
+/// Returns why the unit does not work: the first reason, if the unit is in none of the states of work.
 fn stop_reason(now: &Snapshot) -> Option<&Reason> {
     use UnitState::{Completing, Execute, Resetting, Starting, Unholding};
     let works = matches!(unit_state(now)?, Starting | Execute | Unholding | Completing | Resetting);

@@ -10,11 +10,11 @@ use crate::verdict::{Reason, Verdict};
 pub struct Snapshot {
     /// Whether the service's loop answers now; if it does not, all other fields are its last report.
     pub answers: bool,
-    /// The state in the cycle's state table.
+    /// The state, as in the cycle's state table.
     pub state: Option<State>,
-    /// Whole seconds for which the unit has been in its state, as far as this service saw.
+    /// Whole seconds for which the unit has been in its state, since this service has observed it.
     pub in_state_s: u32,
-    /// Whole seconds for which the unit has been in its mode, as far as this service saw.
+    /// Whole seconds for which the unit has been in its mode, since this service has observed it.
     pub in_mode_s: u32,
     /// The phase inside Execute; if the cycle is held, the phase in which it continues.
     pub phase: Option<String>,
@@ -36,7 +36,7 @@ pub struct Snapshot {
     pub verdict: Option<Verdict>,
     /// The reasons for the cell's state, and the last problems found.
     pub reasons: Vec<Reason>,
-    /// Words of the requests that the table would accept now.
+    /// Keywords of the requests that the state table would accept now.
     pub possible: Vec<&'static str>,
     /// Whether the cycle waits for a person's decision on a result.
     pub is_review: bool,
@@ -52,7 +52,7 @@ pub struct Snapshot {
     pub tool: Option<Verified>,
     /// Whether a cycle may start with these calibrations; `None` before the first check.
     pub may_start: Option<bool>,
-    /// The reasons why a cycle may not start, or doubts about the calibrations.
+    /// The reasons why a cycle may not start, or warnings about the calibrations.
     pub calibration_reasons: Vec<String>,
     /// Each calibration's file with its age, in words.
     pub calibrations: Vec<String>,
@@ -68,7 +68,7 @@ pub struct Snapshot {
     pub now_unix_ms: i64,
 }
 
-/// A recipe by which a cycle can be started.
+/// A recipe with which a cycle can be started.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RecipeHash {
     /// Its file's name.

@@ -57,8 +57,8 @@ impl UnitState {
         self.into()
     }
 
-    /// Returns whether the state ends by itself, as PackML's acting states do; in the other states the unit waits
-    /// for a command.
+    /// Returns whether the state ends by itself, as PackML's acting states do; in other states the unit waits for a
+    /// command.
     pub fn is_acting(self) -> bool {
         use UnitState::{Aborted, Complete, Held, Idle, Stopped};
         !matches!(self, Stopped | Idle | Held | Complete | Aborted)
@@ -72,12 +72,13 @@ pub enum UnitMode {
     Production = 1,
     /// A run in the air, without water, tool and contact.
     Maintenance = 2,
-    /// The robot is in T1 or T2: it is led by hand.
+    /// The robot is in T1 or T2 and is operated by hand.
     Manual = 3,
 }
 
 impl UnitMode {
-    /// Returns the mode for this state of the cycle. The robot's switch has priority over the purpose of the cycle.
+    /// Returns the mode for this state of the cycle. The robot's mode switch has priority over the purpose of the
+    /// cycle.
     pub fn from_state(state: &State) -> Self {
         match state.facts.robot {
             Robot::NotAutomatic => UnitMode::Manual,

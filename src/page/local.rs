@@ -42,7 +42,7 @@ pub struct Local {
     key: String,
 }
 
-/// The accepted hosts: those that a browser on this computer names.
+/// The accepted hosts: the names by which a browser on this computer addresses the server.
 struct Gate {
     hosts: [String; 2],
 }
@@ -77,7 +77,7 @@ impl Local {
     /// Serves these pages until `done` is signalled or dropped.
     ///
     /// # Errors
-    /// If the system refuses.
+    /// If the operating system refuses what the server needs.
     pub fn serve(self, pages: Router, done: oneshot::Receiver<()>) -> Result<(), LocalError> {
         let Local { runtime, listener, address, .. } = self;
         let gate = Arc::new(Gate { hosts: [address.to_string(), format!("localhost:{}", address.port())] });

@@ -1,7 +1,7 @@
-//! Finds where the search box cuts the panel: its surface continues beyond a face of the box.
+//! Finds the face at which the search box cuts the panel: the panel's surface continues beyond this face.
 //!
-//! The part outside the box is neither taught nor searched. There the panel's border is the border of the box and
-//! not an edge.
+//! The part outside the box is neither taught nor searched. At that face the panel's border is the border of the box
+//! and not an edge of the panel.
 
 use super::extent::{self, is_held};
 use super::segment::max_step_mm;
@@ -10,8 +10,8 @@ use crate::geometry::{BESIDE, Pixel, Raster};
 use crate::recipe;
 use crate::verdict::Reason;
 
-/// Smallest number of border pixels that continue beyond one face and count as panel; fewer are a holder or flying
-/// points.
+/// Smallest number of border pixels of the panel with a continuation beyond one face; fewer pixels are a holder or
+/// flying points.
 const MIN_BORDER_PX: usize = 12;
 
 /// A face of the search box that cuts the panel.
@@ -129,7 +129,7 @@ mod tests {
         let found = cut(&cell, top_mm, false).0.expect("a cut");
         assert_eq!((found.key, found.axis, found.face_mm), ("box_max_mm", 2, top_mm));
         assert!(found.reason().message.contains("locate.box_max_mm[2]"), "{found:?}");
-        // The same place is now held, so the part that continues beyond the box is the holder.
+        // The same place is now stated as held, so the part that continues beyond the box is the holder.
         assert_eq!(cut(&cell, top_mm, true).0, None);
     }
 }

@@ -1,16 +1,16 @@
-//! Which pieces of a scan belong to one sheet. Missing points can divide a panel into pieces; objects in front of
-//! or behind the panel do not belong to it.
+//! Determines which pieces of a scan belong to one sheet. Missing points can divide a panel into pieces; objects in
+//! front of or behind the panel do not belong to it.
 //!
-//! The heights over the plane of least scatter are modelled as a polynomial of second order in the two directions
-//! of that plane: h(s, t) = a + b s + c t + d s² + e st + f t². The polynomial is fitted to the pieces that are
-//! known to belong to the sheet. A piece belongs to the sheet if its median height differs from this model by at
-//! most [`MAX_AWAY_MM`].
+//! The heights over the plane of least scatter are modelled as a polynomial of second order in the two directions of
+//! that plane: h(s, t) = a + b s + c t + d s² + e st + f t². The polynomial is fitted to the pieces that are known to
+//! belong to the sheet. A piece belongs to the sheet if its median height differs from this model by at most
+//! [`MAX_AWAY_MM`].
 
 use crate::geometry::{OrganizedCloud, Panel, Point, Vector, median};
 use nalgebra::{Matrix3, Matrix6, Point3, Vector3, Vector6};
 
-/// A piece at a greater distance from the sheet is another object, mm. A clamp or a glued mark is thicker; at the
-/// ends of a gap, a panel of second order deviates less.
+/// A piece at a greater distance from the sheet is another object, mm. A clamp or a glued mark is thicker than this;
+/// at the ends of a gap, a real panel deviates from the model by less.
 const MAX_AWAY_MM: f64 = 4.0;
 /// Largest number of points that a fit, and the height of a piece, use.
 const FIT_POINTS: usize = 4_000;
@@ -39,7 +39,7 @@ pub(super) struct Sheet {
     /// Two directions in the plane, and the plane's normal.
     axes: Matrix3<f64>,
     height: Vector6<f64>,
-    /// The radius of the points, mm, by which coordinates are scaled.
+    /// The radius around the points, mm, by which coordinates are scaled.
     scale_mm: f64,
     /// (Σ t tᵀ / n)⁻¹ of the points' terms t.
     spread: Matrix6<f64>,
@@ -47,8 +47,9 @@ pub(super) struct Sheet {
     pub(super) rms_mm: f64,
 }
 
-/// A place is no farther from the points than their own rim if its tᵀ (Σ t tᵀ / n)⁻¹ t is at most this value. The
-/// points' mean is 6, and the corners of an evenly filled square have 1 + 3 + 3 + 5 + 5 + 9 = 26.
+/// A place is no farther from the points than their own rim if tᵀ (Σ t tᵀ / n)⁻¹ t at this place is at most this
+/// value. Its mean over the points is 6, and at the corners of an evenly filled square it is 1 + 3 + 3 + 5 + 5 + 9 =
+/// 26.
 const RIM: f64 = 26.0;
 /// Steps to the intersection of a ray with the sheet, and the largest length of the last step, mm.
 const MEET_STEPS: usize = 20;
@@ -122,7 +123,7 @@ impl Sheet {
     }
 }
 
-/// About `count` of these at most, evenly chosen.
+/// Returns about `wanted` of these pixels, evenly chosen.
 fn some(pixels: &[usize], wanted: usize) -> impl Iterator<Item = usize> + '_ {
     pixels.iter().copied().step_by(pixels.len().div_ceil(wanted).max(1))
 }
@@ -152,8 +153,8 @@ mod tests {
         assert!(sheet.rms_mm < 0.01, "{}", sheet.rms_mm);
     }
 
-    /// A bent sheet in two parts, with an object 20 mm in front of it: the object is left out. The far part lies 8
-    /// mm above the near part's plane (x²/1000 at x = 90 mm), but on its sheet.
+    /// A bent sheet in two parts, with an object 20 mm in front: the object is left out. The far part lies 8 mm above
+    /// the near part's plane (x²/1000 at x = 90 mm), but on the near part's sheet.
     #[test]
     fn parts_of_a_bent_sheet_belong_together() {
         let point = |i: usize| {

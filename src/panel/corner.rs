@@ -36,8 +36,8 @@ pub struct TaughtCorner {
 }
 
 impl TaughtCorner {
-    /// Returns the share, 0…1, of a move along the panel's normal that the taught view shows as a sideways move:
-    /// the sine of the angle between the normal and the view.
+    /// Returns the fraction, 0…1, of a motion along the panel's normal that the taught view shows as a sideways
+    /// motion: the sine of the angle between the normal and the view.
     pub fn normal_seen(&self) -> f64 {
         let towards = (self.point - self.teaching.panel_from_camera.origin()).mm.normalize();
         towards.cross(&self.normal.mm).norm()

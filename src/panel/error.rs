@@ -4,8 +4,8 @@ use super::region::GridId;
 use crate::geometry::Pixel;
 use crate::imaging::ImagingError;
 
-/// If points are missing, the neighbourhood of a plane is doubled up to this size, px: some 15 mm, over which a
-/// panel is nearly flat.
+/// If points are missing, the neighbourhood for fitting a plane is doubled up to this size, px: some 15 mm, over which
+/// a panel is nearly flat.
 pub(super) const MAX_HALF_WIDTH_PX: usize = 40;
 
 /// The reason why a scan cannot teach a panel.
@@ -122,7 +122,7 @@ fn list(corners: &[WrongCorner]) -> String {
     corners.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
 }
 
-/// Describes the content of the search box outside the place at which the panel was searched.
+/// Describes what the search box contains outside the place at which the panel was searched.
 fn elsewhere(largest: usize) -> String {
     match largest {
         0 => "nor does any other".to_owned(),

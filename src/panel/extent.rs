@@ -14,8 +14,8 @@ use nalgebra::Point2;
 
 /// Smallest number of points of a panel.
 const MIN_PANEL_POINTS: usize = 2_000;
-/// A piece of the scan inside a person's outline that is smaller than this share of the largest piece is a flying
-/// patch.
+/// A piece of the scan inside a person's outline that is smaller than this fraction of the largest piece consists of
+/// flying points.
 const MIN_PIECE_SHARE: f64 = 0.002;
 /// Distance between the points of a person's outline, px: the same as in a contour of pixels.
 const OUTLINE_STEP_PX: f64 = 1.0;
@@ -131,7 +131,7 @@ impl SearchArea<'_> {
             None => return Err(LearnError::NothingThere { u, v, largest: pieces.first().map_or(0, Vec::len) }),
         };
         let mask = segment::mask_of(self.scan, piece);
-        // A hole is a place with missing points, not an edge of the panel.
+        // A hole consists of missing points and is not an edge of the panel, so it is filled.
         let filled = outer_contours(&mask)?.into_iter().next().unwrap_or_default();
         let corners = self.wrong_corners(&|pixel| near_mask(&mask, pixel) || polygon::contains(&filled, pixel));
         if corners.is_empty() { Ok(mask) } else { Err(LearnError::WrongCorners { corners }) }

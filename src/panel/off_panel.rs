@@ -1,6 +1,6 @@
 //! Finds where the region is not on the panel: it extends over the panel's edge, or over a hole.
 //!
-//! Off the panel there is no surface to test or to sand, and the surfaces that the camera sees there lie far
+//! Outside of the panel there is no surface to test or to sand, and the surfaces that the camera sees there lie far
 //! behind. Such a part is measured on the taught scan, in mm on the extrapolated surface of the panel, and named by
 //! its grid. A few missing points inside the panel are not a hole.
 
@@ -33,21 +33,21 @@ pub enum Beyond {
     Hole,
 }
 
-/// A part of the region that is not on the panel.
+/// A part of the region that does not lie on the panel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OffPanel {
     /// The kind of gap over which this part extends.
     pub beyond: Beyond,
-    /// The overhang, or the size of the hole: the side of its largest inscribed square, mm. `None` if no surface is
-    /// near enough to measure it.
+    /// The overhang, or the size of the hole, which is the side of its largest inscribed square, mm. `None` if no
+    /// surface is near enough for the measurement.
     pub size_mm: Option<f64>,
-    /// The place farthest out, or the middle of the hole, in the taught picture.
+    /// The place that extends farthest, or the middle of the hole, in the taught picture.
     pub at: Pixel,
     /// The grid there.
     pub grid: GridId,
-    /// The region's corner there, from 1, if one is near.
+    /// The region's corner near this place, from 1, if there is one.
     pub corner: Option<usize>,
-    /// All grids that contain such places.
+    /// All grids that contain places of this part.
     pub grids: Vec<GridId>,
 }
 
@@ -144,7 +144,7 @@ impl TaughtPanel {
         missing.pieces().into_iter().filter_map(hole).collect()
     }
 
-    /// Finds the first pixel of the panel to the left of a place, or to the right if there is none.
+    /// Finds the nearest pixel of the panel to the left of a place, or to the right if there is none on the left.
     fn panel_left_of(&self, at: Pixel) -> Option<Pixel> {
         let (column, row) = (at.u.round() as usize, at.v.round() as usize);
         let is_panel = |column: &usize| self.mask.contains(*column, row);

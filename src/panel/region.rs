@@ -97,7 +97,8 @@ impl Region {
         [corner(id.row - 1, id.column - 1), corner(id.row, id.column)]
     }
 
-    /// Returns the grid's edge as a closed series of points in the unit square, `steps` on each of its four sides.
+    /// Returns the grid's edge as a closed series of points in the unit square, with `steps` points on each of its
+    /// four sides.
     pub fn edge(&self, id: GridId, steps: usize) -> Vec<Point2<f64>> {
         let [low, high] = self.unit_box(id);
         let corners = [low, Point2::new(high.x, low.y), high, Point2::new(low.x, high.y)];

@@ -16,7 +16,8 @@ const SURFACE_HALF_WIDTH_PX: usize = 5;
 
 /// Half the widths of the neighbourhood over a hole, px, tried in this order.
 const HOLE_HALF_WIDTHS_PX: [usize; 3] = [80, 160, 320];
-/// If the points are farther off that surface, it has another shape, rms, mm.
+/// Largest residual of the points about the second-order surface over a hole, rms, mm; with more, the panel has
+/// another shape.
 const OFF_SURFACE_MM: f64 = 0.5;
 
 /// The source of a panel's taught data.
@@ -79,7 +80,7 @@ pub struct TaughtPanel {
     pub grids: Vec<Grid>,
 }
 
-/// At teaching the panel's frame is the base (thesis 3.8): the only claim that states this.
+/// Declares that at teaching the panel's frame is the base (thesis 3.8); this is the only declaration of this fact.
 pub fn panel_from_base_at_teaching() -> Rigid<Panel, Base> {
     Rigid::claim(Isometry3::identity())
 }
@@ -143,7 +144,8 @@ impl TaughtPanel {
         plane.meet(viewer, self.panel_from_camera * self.camera.unproject(pixel)?)
     }
 
-    /// The same if points are missing around the pixel, from a neighbourhood of the necessary width.
+    /// Returns the same surface point if points are missing around the pixel, from a neighbourhood that is as wide as
+    /// necessary.
     fn surface_around(&self, pixel: Pixel) -> Option<Point<Panel>> {
         let at = pixel.whole(self.scan.width(), self.scan.height())?;
         let ray = self.panel_from_camera * self.camera.unproject(pixel)?;
@@ -167,8 +169,8 @@ impl TaughtPanel {
             .filter(|&index| self.mask.inside[index] && self.scan.point_at(index).is_some())
     }
 
-    /// The same for an even wider hole: on the second-order surface through the points around it, no farther from
-    /// these points than their own rim.
+    /// Returns the same surface point for an even wider hole: on the second-order surface through the points around
+    /// the hole, no farther from these points than their own rim.
     fn surface_over_hole(&self, pixel: Pixel) -> Option<Point<Panel>> {
         let at = pixel.whole(self.scan.width(), self.scan.height())?;
         let ray = self.panel_from_camera * self.camera.unproject(pixel)?;
@@ -187,7 +189,7 @@ impl TaughtPanel {
         }
     }
 
-    /// Returns the share of the panel inside a drawn outline that has points, 0…1; 1 if the points themselves are
+    /// Returns the fraction of the panel inside a drawn outline that has points, 0…1; 1 if the points themselves are
     /// the outline.
     pub fn given(&self) -> f64 {
         if self.outline_from == OutlineFrom::Scan {

@@ -1,9 +1,9 @@
-//! The axes before contact: the arm's motion from its park pose through the views of the taught corners.
+//! The axis angles before contact, from the arm's motion from its park pose through the views of the taught corners.
 //!
-//! Before contact the arm is at the last corner that Verify looks at. It came there from the park pose through the
-//! ready pose, unless the park pose lies inside the box, and then by lines from corner to corner. Lines keep its
-//! configuration. So these motions are checked too, by the same gate and with the same obstacles. Each actual
-//! motion is checked again from the actual axes: see `routes`.
+//! Before contact the arm is at the last corner that Verify looks at. The arm moves from the park pose through the
+//! ready pose, unless the park pose lies inside the box, and then by lines from corner to corner. Lines do not change
+//! the arm's configuration. So these motions are checked too, by the same gate and with the same obstacles. Each
+//! actual motion is checked again from the actual axis angles: see `routes`.
 
 use super::Kinematics;
 use super::panel_reach::ReachSetup;
@@ -15,7 +15,7 @@ use crate::panel::TaughtCorner;
 use crate::verdict::Reason;
 use std::sync::Arc;
 
-/// The arm, its start, and the corners that its camera can be sent to.
+/// The arm, its start, and the corners to which its camera can be moved.
 #[derive(Debug, Clone, Copy)]
 pub struct CornerTour<'a> {
     /// The cell's limits.
@@ -24,9 +24,9 @@ pub struct CornerTour<'a> {
     pub arm: &'a cell::Arm,
     /// Its park pose.
     pub park: Joints,
-    /// `[poses.ready]`: on the way to and from the park pose, if the cell names one.
+    /// `[poses.ready]`: an intermediate pose on the way to and from the park pose, if the cell names one.
     pub ready: Option<Joints>,
-    /// How the flange camera is mounted.
+    /// Mounting of the flange camera.
     pub flange_from_camera: Rigid<Flange, FlangeCamera>,
     /// The contact point of the sanding tool.
     pub flange_from_tool: Rigid<Flange, Tool>,
@@ -34,8 +34,8 @@ pub struct CornerTour<'a> {
     pub corners: &'a [TaughtCorner],
 }
 
-/// The panel's place, the corners that are viewed before contact, in this order, and the obstacles that the arm
-/// avoids on its way to them.
+/// The panel's pose, the corners that are viewed before contact, in this order, and the obstacles that the arm avoids
+/// on the way to these corners.
 #[derive(Debug, Clone, Copy)]
 pub struct Approach<'a> {
     /// The place.
@@ -47,7 +47,8 @@ pub struct Approach<'a> {
 }
 
 impl<'a> CornerTour<'a> {
-    /// Returns the panel before the arm as it will be there, with its sanding tool.
+    /// Returns the set-up for the reach check: the panel, the sanding tool, and the arm as it will be after it has
+    /// viewed all corners.
     ///
     /// # Errors
     /// If there is no corner, or the arm does not reach one of them.
@@ -100,7 +101,7 @@ impl<'a> CornerTour<'a> {
         Rigid::claim(*self.flange_from_camera.isometry())
     }
 
-    /// Returns the axes at the start of the first line.
+    /// Returns the axis angles at the start of the first line.
     fn begin(&self, kinematics: &Kinematics, obstacles: Option<&Arc<Obstacles>>) -> Result<Joints, Reason> {
         let park_is_inside = self.limits.workspace().is_some_and(|workspace| {
             let flange = kinematics.base_from_flange(&self.park);
@@ -118,7 +119,7 @@ impl<'a> CornerTour<'a> {
         Ok(ready)
     }
 
-    /// Returns the axes at a corner that is reached by a line from `at`.
+    /// Returns the axis angles at a corner that is reached by a line from `at`.
     fn joints_at_corner(
         &self,
         kinematics: &Kinematics,

@@ -1,9 +1,9 @@
 //! Combines grids that are abraded together, and orders the areas.
 //!
-//! Neighbouring grids in one row become a strip; strips of the same columns in neighbouring rows become a
-//! rectangle. A rectangle is one patch of the surface, with one path. An L becomes two rectangles. The order has a
-//! short way through the air: the nearest next end from every possible start; then parts of the order are reversed
-//! as long as the way becomes shorter. An area may be worked from either end.
+//! Neighbouring grids in one row become a strip; strips of the same columns in neighbouring rows become a rectangle. A
+//! rectangle is one patch of the surface, with one path. An L becomes two rectangles. The order keeps the path through
+//! the air short: from every possible start the nearest next end is chosen; then parts of the order are reversed as
+//! long as the path becomes shorter. An area may be worked from either end.
 
 use crate::geometry::{Panel, Point};
 use crate::panel::{GridId, Region};
@@ -89,7 +89,7 @@ fn nearest_next(ends: &[[Point<Panel>; 2]], start: (usize, bool)) -> Vec<(usize,
     order
 }
 
-/// Returns the order with one part of it reversed, if that is shorter.
+/// Returns the order with one part reversed, if the path becomes shorter.
 fn shortened(ends: &[[Point<Panel>; 2]], order: &[(usize, bool)]) -> Option<Vec<(usize, bool)>> {
     let now_mm = way_mm(ends, order);
     for from in 0..order.len() {

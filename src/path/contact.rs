@@ -1,12 +1,12 @@
 //! How a path approaches the panel, stays in contact and retracts.
 //!
-//! The tool moves through the air to a place beside the first one in contact and down to the landing height. Then
-//! it moves along the surface to the first place while it loses the last millimetres: the disc touches while it
-//! moves. Leaving is the same backwards. The landing runs over the area's own middle, so nothing outside the area
-//! is touched. Over a hole the path continues at the landing height. In contact the tool's point goes into the
-//! panel by the press-in, which the pad absorbs. In contact the feed is the one that makes the times under the disc
-//! even; in the air it is the recipe's feed. The feed is lower if the controller could not plan such short lines in
-//! time (`eki` 4.2). Corners are rounded by a share of the shorter adjacent line, and never by more than half of
+//! The tool moves through the air to a place beside the first contact place and down to the landing height. Then it
+//! moves along the surface to the first contact place while it descends the last millimetres: the disc is already
+//! moving when it touches. The retraction is the same in reverse. The landing runs over the area's own middle, so
+//! nothing outside the area is touched. Over a hole the path continues at the landing height. In contact the tool's
+//! point goes into the panel by the press-in, which the pad absorbs. In contact the feed makes the times under the
+//! disc even; in the air it is the recipe's feed. The feed is lower if the controller could not plan such short lines
+//! in time (`eki` 4.2). Corners are rounded by a fraction of the shorter adjacent line, and never by more than half of
 //! that line. A path stops only at its ends, and on the panel if it comes straight down.
 
 use super::orientation::{OrientationError, Stance, panel_from_tool};
@@ -27,8 +27,8 @@ struct Station {
     feed_mm_s: f64,
 }
 
-/// Returns the path over one piece of work, and its end. The feeds apply on the way to each place of its track. The
-/// path begins above the end of the path before it.
+/// Returns the path over one area's lines, and its end. The feeds apply on the way to each place of its track. The
+/// path begins above the end of the previous path.
 pub(super) fn tool_path(
     surface: &BSplineSurface,
     (piece, feeds_mm_s): (&Piece, &[f64]),
@@ -60,8 +60,8 @@ pub(super) fn tool_path(
     Ok((ToolPath { grids, waypoints: waypoints(surface, &stations, settings)? }, Some(up.unwrap_or(last))))
 }
 
-/// Returns a place at the landing's length from an end of the track, towards the middle of the area, or away from
-/// an end that lies in the middle itself; `None` if the recipe lands straight down.
+/// Returns a place at the landing's length from an end of the track, towards the middle of the area; if the end lies
+/// in the middle, towards the farthest corner. `None` if the recipe lands straight down.
 fn beside(surface: &BSplineSurface, piece: &Piece, end: Parameter, settings: &recipe::Path) -> Option<Parameter> {
     let landing_mm = settings.landing_mm();
     let from = surface.point(end);

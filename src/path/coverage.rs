@@ -1,13 +1,13 @@
-//! Coverage: the share of a grid that the disc reaches, and the resulting distance between neighbouring rows.
+//! Coverage: the fraction of a grid that the disc reaches, and the resulting distance between neighbouring rows.
 //!
-//! A sample of the surface is covered if its distance to the contact track is at most the disc's radius. Samples
-//! are about 1 mm apart and weigh |S_u × S_v| each. The whole disc is assumed to be in contact: a compliant pad.
+//! A sample of the surface is covered if its distance to the contact track is at most the disc's radius. Samples are
+//! about 1 mm apart and weigh |S_u × S_v| each. The whole disc is assumed to be in contact: a compliant pad.
 
 use crate::geometry::{Panel, Point};
 use crate::panel::GridId;
 use crate::surface::{BSplineSurface, Parameter, Patch};
 
-/// Smallest covered share of each grid, 0…1.
+/// Smallest covered fraction of each grid, 0…1.
 pub const MIN_COVERAGE: f64 = 0.995;
 /// Approximate distance between samples, mm.
 const SAMPLE_MM: f64 = 1.0;
@@ -33,8 +33,8 @@ impl GridCoverage {
 /// A straight piece of track in contact.
 pub(super) type Stroke = (Point<Panel>, Point<Panel>);
 
-/// Returns the straight pieces between neighbouring places that are both in contact. A single place is no piece:
-/// the disc abrades while it moves, and the dwell counts only this time.
+/// Returns the straight pieces between neighbouring places that are both in contact. A single place is not a piece:
+/// the disc abrades only while it moves, and the dwell counts only this time.
 pub(super) fn strokes(track: &[Point<Panel>], contact: impl Fn(usize) -> bool) -> Vec<Stroke> {
     let pairs = track.windows(2).enumerate().filter(|(index, _)| contact(*index) && contact(index + 1));
     pairs.map(|(_, pair)| (pair[0], pair[1])).collect()
@@ -51,7 +51,7 @@ pub(super) fn coverage(
     let samples = |length_mm: f64| (length_mm / SAMPLE_MM).ceil().max(1.0) as usize;
     let across = samples(middle.s_u.mm.norm() * (patch.high.u - patch.low.u));
     let down = samples(middle.s_v.mm.norm() * (patch.high.v - patch.low.v));
-    // Of a long track, only the pieces near the grid are used.
+    // For a long track, only the pieces near the grid are used.
     let corners = [0.0, 1.0].map(|u| [0.0, 1.0].map(|v| surface.point(patch.at(Parameter { u, v }))));
     let reach_mm = corners.iter().flatten().map(|corner| corner.distance_mm(middle.point)).fold(0.0, f64::max);
     let near = |piece: &&Stroke| foot(middle.point, piece.0, piece.1).1 <= 1.1 * reach_mm + radius_mm + SAMPLE_MM;
@@ -77,7 +77,7 @@ pub(super) fn coverage(
     found
 }
 
-/// Returns the share 0…1 along a straight piece at which the piece is nearest to a point, and the distance there,
+/// Returns the fraction 0…1 along a straight piece at which the piece is nearest to a point, and the distance there,
 /// mm.
 fn foot(point: Point<Panel>, from: Point<Panel>, to: Point<Panel>) -> (f64, f64) {
     let (piece, offset) = ((to - from).mm, (point - from).mm);

@@ -29,7 +29,7 @@ impl DiscUse {
         self.life_mm2.map(|life_mm2| self.swept_mm2 / life_mm2)
     }
 
-    /// Returns whether the disc must be changed before this plan is begun.
+    /// Returns whether the disc must be changed before this plan begins.
     pub fn asks_for_a_change(&self) -> bool {
         self.life_mm2.is_some_and(|life_mm2| self.worn_after_mm2 > life_mm2)
     }

@@ -15,7 +15,7 @@ const BLOCK: usize = 32;
 pub struct Overhang {
     /// The largest overhang, mm; 0 if the disc stays on the panel.
     pub largest_mm: f64,
-    /// Share of contact waypoints with a larger overhang than allowed, 0…1.
+    /// Fraction of contact waypoints with a larger overhang than allowed, 0…1.
     pub share_beyond: f64,
 }
 
@@ -23,7 +23,7 @@ pub struct Overhang {
 #[derive(Debug, Clone)]
 pub struct Outline {
     points: Vec<Point<Panel>>,
-    // Two directions that span the mean plane, then the outline in this plane, mm.
+    // Bounding sphere of each block of outline points: centre, and radius, mm.
     blocks: Vec<(Point<Panel>, f64)>,
     // Directions that span the mean plane, and the outline in it, mm.
     across: [Vector3<f64>; 2],
@@ -52,13 +52,14 @@ impl Outline {
         !self.points.is_empty()
     }
 
-    /// Returns how far a disc of this radius around a contact reaches beyond the outline, mm; 0 if it does not.
+    /// Returns how far a disc of this radius around a contact point reaches beyond the outline, mm; 0 if it does not.
     pub fn overhang_mm(&self, contact: Point<Panel>, radius_mm: f64) -> f64 {
         let (_, distance_mm) = self.nearest(contact);
         if self.holds(contact) { (radius_mm - distance_mm).max(0.0) } else { radius_mm + distance_mm }
     }
 
-    /// Returns the direction from a contact in which the outline is nearest; `None` without an outline.
+    /// Returns the direction from a contact point that leads out of the outline at its nearest point; `None` without
+    /// an outline.
     pub(super) fn outward(&self, contact: Point<Panel>) -> Option<Vector3<f64>> {
         let towards = (self.nearest(contact).0? - contact).mm;
         Some(if self.holds(contact) { towards } else { -towards })

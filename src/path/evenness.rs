@@ -1,13 +1,13 @@
 //! The time that each place is under the disc, and the feeds that make this time even.
 //!
-//! A line travelled at w = 1 / feed keeps a place within the disc's radius R under the disc for c w, c being the
-//! length of the line within R of the place. For all places together: t = C w. Near the border of the treated area
-//! fewer lines pass than in its middle, so there the feed is lower. With an expected time t₀,
+//! A line travelled at w = 1 / feed keeps a place within the disc's radius R under the disc for the time c w, c being
+//! the length of the line within R of the place. For all places together: t = C w. Near the border of the treated area
+//! fewer lines pass than in its middle, so there the feed is lower. With a target time t₀,
 //!     w ← w · Cᵀ(t₀ / C w) / Cᵀ1                                                  (Richardson and Lucy)
-//! brings C w near to t₀ and keeps w positive. The lower limit of w follows from the recipe's feed, or from the
-//! feed that the controller can plan. The upper limit is [`MAX_SLOWDOWN`] times the lower limit. t₀ is a high
-//! quantile of the times at an equal feed, and at least the time of adjacent rows without an end. All areas of a
-//! plan are treated together, because neighbours overlap.
+//! brings C w close to t₀ and keeps w positive. The lower limit of w follows from the recipe's feed, or from the feed
+//! that the controller can plan. The upper limit is [`MAX_SLOWDOWN`] times the lower limit. t₀ is a high quantile of
+//! the times at a uniform feed, and at least the time under adjacent rows of infinite length. All areas of a plan are
+//! treated together, because neighbouring areas influence each other.
 
 use super::piece::Piece;
 use crate::geometry::{Panel, Point};
@@ -21,10 +21,10 @@ use std::f64::consts::PI;
 const MAX_SLOWDOWN: f64 = 3.0;
 /// Number of iterations towards an even time; more iterations change only the third digit.
 const STEPS: usize = 15;
-/// Share of the places whose time at an equal feed is at most the target time.
+/// Fraction of the places whose time at a uniform feed is at most the target time.
 const TARGET_QUANTILE: f64 = 0.9;
-/// A time that is longer or shorter than wanted by more than this factor counts only as this factor: one place must
-/// not dominate a line.
+/// Largest ratio between a time and the target time that is used, in either direction: one place must not dominate a
+/// line.
 const MAX_WEIGHT: f64 = 3.0;
 
 /// The feeds along the lines of each piece, and the resulting times.
@@ -32,7 +32,7 @@ const MAX_WEIGHT: f64 = 3.0;
 pub(super) struct Even {
     /// For each piece, the feed on the way to each place of its track, mm/s.
     pub feeds_mm_s: Vec<Vec<f64>>,
-    /// Over the whole treated area; `None` if nothing is treated.
+    /// Spread of the times over the whole treated area; `None` if nothing is treated.
     pub all: Option<Spread>,
     /// Spread of the times in each grid.
     pub grids: Vec<(GridId, Spread)>,
@@ -55,7 +55,7 @@ pub(super) fn even(surface: &BSplineSurface, region: &Region, pieces: &[Piece], 
         Some(_) => next.next().map_or(settings.feed_mm_s(), |slowness| 1.0 / slowness),
         None => settings.feed_mm_s(),
     };
-    // The tool reaches the first place of a track from the air.
+    // The first place of a track is reached through the air, at the recipe's feed.
     let feeds_mm_s = lines
         .iter()
         .map(|lines| std::iter::once(settings.feed_mm_s()).chain(lines.iter().map(&mut feed)).collect())
@@ -83,16 +83,16 @@ struct Line {
     ends: [Parameter; 2],
     points: [Point<Panel>; 2],
     length_mm: f64,
-    /// Reach of the disc along u and v, in parameters.
+    /// Reach of the disc along u and v, in units of the parameters.
     reach: [f64; 2],
 }
 
-/// The lines between neighbouring places of a track; `None` if the tool is lifted.
+/// Returns the lines between neighbouring places of a track; `None` if the tool is lifted.
 fn lines(surface: &BSplineSurface, piece: &Piece, radius_mm: f64) -> Vec<Option<Line>> {
     let line = |(ends, contact): (&[Parameter], &[bool])| {
         let [from, to] = [ends[0], ends[1]];
         let tangents = surface.tangents(from);
-        // With slanted parameters, the reach is larger than the radius: the height of a rhombus is its side times
+        // With slanted parameter lines, the reach is larger than the radius: the height of a rhombus is its side times
         // the sine.
         let [lu, lv] = [tangents.s_u.mm.norm(), tangents.s_v.mm.norm()];
         let sine = tangents.area_mm2() / (lu * lv);
@@ -126,8 +126,8 @@ impl Places {
         Places { net, points, area_mm2 }
     }
 
-    /// Calls back for each place that the disc passes on a line, with the length of the line within the radius of
-    /// the place, mm.
+    /// Calls `tell` for each place under the disc on a line, with the length of the line within the radius of the
+    /// place, mm.
     fn under(&self, line: &Line, radius_mm: f64, mut tell: impl FnMut(usize, f64)) {
         let ([from, to], [reach_u, reach_v]) = (line.ends, line.reach);
         let least = Parameter { u: from.u.min(to.u) - reach_u, v: from.v.min(to.v) - reach_v };

@@ -1,8 +1,8 @@
-//! Judges a plan before anything moves: whole paths, rejected and never clipped.
+//! Judges a plan before anything moves: a path is accepted or rejected as a whole and never clipped.
 //!
-//! Checks the poses as they would be sent, not how they were made: every number finite, no large step, no large
-//! turn between neighbours, contact only between air and air. Then it checks the plan's results: coverage, and the
-//! disc beyond the panel's outline. It does not know the robot: reach, speed of the axes and keep-out boxes are
+//! Checks the poses as they would be sent, and not how they were calculated: every number finite, no large step, no
+//! large turn between neighbours, contact only between air and air. Then it checks the plan's results: coverage, and
+//! the disc beyond the panel's outline. It does not know the robot: reach, speed of the axes and keep-out boxes are
 //! checked in the modules that know it.
 
 use super::coverage::{GridCoverage, MIN_COVERAGE};
@@ -15,7 +15,7 @@ use crate::record::name;
 use crate::verdict::{Check, Judgement, SetBy, Severity};
 use nalgebra::{Isometry3, Vector3};
 
-/// Largest turn of the tool from one waypoint to the next.
+/// Largest rotation of the tool from one waypoint to the next.
 const MAX_TURN: Degrees = Degrees(15.0);
 /// Waypoints may be farther apart than requested by this factor: rows are resampled along chords.
 const STEP_TOLERANCE: f64 = 1.02;
@@ -46,8 +46,8 @@ pub fn taught_axis(plan: &Plan) -> Option<Vector<Base>> {
     Vector::new(mean).direction()
 }
 
-/// Applies the gate before a motion to a whole plan at the panel's place, from its first waypoint on: the cell's
-/// box, steps, turns, and the tilt against the taught direction. Lists the violations.
+/// Applies the gate that checks each motion to a whole plan at the panel's pose, from its first waypoint on: the
+/// cell's box, steps, turns, and the tilt against the taught direction. Lists the violations.
 pub fn broken_in_base(plan: &Plan, base_from_panel: Rigid<Base, Panel>, limits: &WaypointLimits) -> Vec<Check> {
     let waypoints = plan.paths.iter().flat_map(|path| &path.waypoints);
     let poses: Vec<Rigid<Base, Tool>> =
@@ -60,10 +60,10 @@ pub fn broken_in_base(plan: &Plan, base_from_panel: Rigid<Base, Panel>, limits: 
 
 /// Name of the check of a press-in.
 pub const TOOL_ERROR: &str = "error at the tool, against what the pad takes up";
-/// Beginning of the name of the check for a grid of which the disc reaches too little.
+/// Beginning of the name of the check for a grid with too little coverage.
 pub const OF_GRID: &str = "coverage of grid ";
 
-/// Largest share of the pad's stroke that the error at the tool may use.
+/// Largest fraction of the pad's stroke that the error at the tool may use.
 const ERROR_OF_STROKE: f64 = 1.0 / 3.0;
 
 /// Accepts a press-in, or rejects it: the pad must be able to absorb three times the error at the tool (`[limits]

@@ -1,11 +1,11 @@
-//! Finds the axis angles for a flange pose of the cell's arm: the analytic solver behind our types.
+//! Finds the axis angles for a flange pose of the cell's arm, with an analytic solver.
 //!
 //! A pose has up to eight solutions: in front of axis 1 or overhead, elbow up or down, wrist normal or turned over.
 //! Each axis may also be a whole turn further. The solver is `rs-opw-kinematics`; it checks its results against its
 //! own forward solution. If the arm's own errors were measured, poses are the true poses of the flange; the
-//! controller, which has only the drawing, is sent other poses: `sent_flange`. This module does not handle limits
-//! of speed, paths or panels: see `reach`. Source: Brandstötter, Angerer, Hofbaur, Proc. Austrian Robotics Workshop
-//! 2014.
+//! controller, which knows only the nominal geometry, receives corrected poses: `sent_flange`. This module does not
+//! handle limits of speed, paths or panels: see `reach`. Source: Brandstötter, Angerer, Hofbaur, Proc. Austrian
+//! Robotics Workshop 2014.
 
 use super::obstacles::Obstacles;
 use crate::calib::robot::{ArmPose, Correction};
@@ -30,11 +30,11 @@ pub struct Kinematics {
     obstacles: Option<Arc<Obstacles>>,
 }
 
-/// Accuracy to which the axes settle if a correction depends on them, degrees.
+/// Accuracy to which the axis angles converge if a correction depends on them, degrees.
 const CONVERGENCE_DEG: f64 = 1e-9;
 const MAX_STEPS: usize = 10;
 
-/// The points at which the middle line of the arm bends: axis 2, axis 3, the wrist's centre, the flange.
+/// The points at which the centre line of the arm bends: axis 2, axis 3, the wrist's centre, the flange.
 pub(super) type Skeleton = [Point<Base>; 4];
 
 impl Kinematics {
@@ -57,7 +57,7 @@ impl Kinematics {
         Kinematics { arm: arm.clone(), solver: OPWKinematics::new(parameters), correction, obstacles: None }
     }
 
-    /// Returns the arm with the obstacles that a scan showed.
+    /// Returns the arm together with the obstacles that a scan showed.
     #[must_use]
     pub fn beside(self, obstacles: Arc<Obstacles>) -> Self {
         Kinematics { obstacles: Some(obstacles), ..self }
@@ -84,7 +84,7 @@ impl Kinematics {
         }
     }
 
-    /// Returns the flange pose of the arm as drawn: the pose that the controller computes.
+    /// Returns the flange pose of the arm with its nominal geometry: the pose that the controller computes.
     pub fn drawn_flange(&self, joints: &Joints) -> Option<Rigid<Base, Flange>> {
         let pose = self.solver.try_forward(&joints.degrees().map(f64::to_radians)).ok()?;
         let (t, q) = (pose.translation, pose.rotation);
@@ -92,14 +92,14 @@ impl Kinematics {
         Some(Rigid::claim(Isometry3::from_parts(Translation3::new(t.x, t.y, t.z), turn)))
     }
 
-    /// Returns the true flange pose when the controller reports this pose and these axes.
+    /// Returns the true flange pose for the pose and the axis angles that the controller reports.
     pub fn true_flange(&self, reported: Rigid<Base, Flange>, joints: &Joints) -> Rigid<Base, Flange> {
         let pose = ArmPose { joints: Some(*joints), base_from_flange: reported };
         self.correction.as_ref().and_then(|correction| correction.base_from_flange(&pose)).unwrap_or(reported)
     }
 
-    /// Returns the pose to send to the controller so that the flange comes to this one, and the axes there, in the
-    /// configuration of `near`; `None` if no axes lead there.
+    /// Returns the pose to send to the controller so that the flange reaches this pose, and the axis angles there, in
+    /// the configuration of `near`; `None` if no axis angles lead there.
     pub fn sent_flange(
         &self,
         base_from_flange: &Rigid<Base, Flange>,
@@ -145,7 +145,7 @@ impl Kinematics {
         self.solver.inverse(&pose).into_iter().map(|way| way.map(f64::to_degrees)).collect()
     }
 
-    /// Returns how far the wrist's centre lies outside the arm's span, mm; 0 if it lies inside.
+    /// Returns how far the wrist's centre lies outside the arm's reach, mm; 0 if it lies inside.
     pub(super) fn beyond_reach_mm(&self, base_from_flange: &Rigid<Base, Flange>) -> f64 {
         let g = self.arm.geometry();
         let wrist = wrist(base_from_flange, g);
@@ -156,7 +156,7 @@ impl Kinematics {
         (distance_mm - g.c2_mm - forearm_mm).max((g.c2_mm - forearm_mm).abs() - distance_mm).max(0.0)
     }
 
-    /// Returns the angle between the elbow and the stretched arm, degrees.
+    /// Returns the angle by which the elbow differs from the stretched arm, degrees.
     pub(super) fn elbow_deg(&self, angles: &Angles) -> f64 {
         let g = self.arm.geometry();
         let q3_deg = angles[2] * f64::from(g.signs[2]) - g.offsets_deg[2];
@@ -169,7 +169,7 @@ impl Kinematics {
         wrist(base_from_flange, self.arm.geometry()).xy().norm()
     }
 
-    /// Returns the points at which the arm's middle line bends.
+    /// Returns the points at which the arm's centre line bends.
     pub(super) fn skeleton(&self, angles: &Angles) -> Skeleton {
         let g = self.arm.geometry();
         let q = |axis: usize| (angles[axis] * f64::from(g.signs[axis]) - g.offsets_deg[axis]).to_radians();
@@ -404,8 +404,8 @@ mod tests {
         [CorrectionNumbers::Geometry(geometry), CorrectionNumbers::Smooth { middle_mm, half_mm, numbers: smooth }]
     }
 
-    /// By hand: a zero of axis 1 that is 0.001 rad off turns the whole arm. At 480 mm in front of it, that is 0.48
-    /// mm.
+    /// By hand: an error of 0.001 rad in the zero of axis 1 rotates the whole arm. At 480 mm in front of axis 1, that
+    /// is 0.48 mm.
     #[test]
     fn a_corrected_arm_stands_where_its_own_zero_puts_it() {
         let cell = Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}"));

@@ -1,10 +1,10 @@
 //! A plan as a KRL program that a person runs by hand: pure text, `.src`.
 //!
 //! The program sets `$TOOL` and `$BASE` itself, so that nothing depends on the values that were active before. It
-//! begins with a PTP to the axes with which the arm was found to follow the path, in the air above its first place.
-//! A PTP to axes is the block coincidence that a controller requires, and it defines the configuration without
-//! doubt. All other motions are lines in the panel's frame. The program switches nothing: the person who runs it in
-//! T1 controls tool, water and extraction.
+//! begins with a PTP to the axis angles from which the arm can follow the path, in the air above its first place. A
+//! PTP to axis angles is the block coincidence that a controller requires, and it defines the configuration
+//! unambiguously. All other motions are lines in the panel's frame. The program switches no outputs: the person who
+//! runs it in T1 controls tool, water and extraction.
 
 use super::planned::Plan;
 use crate::geometry::{Joints, KukaPose};
@@ -31,7 +31,7 @@ const BESIDE_RESERVED: [&str; 38] = [
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ProgramName(String);
 
-/// The reason why a text is not the name of a KRL program.
+/// The reason why a text cannot be the name of a KRL program.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "\"{found}\" names no KRL program: 1 to {MAX_NAME} letters, digits and underscores, a letter first, and no word of the \
@@ -65,7 +65,7 @@ pub struct Program<'a> {
     pub flange_from_tool: KukaPose,
     /// The panel's pose: `$BASE`.
     pub base_from_panel: KukaPose,
-    /// The axes at the plan's first waypoint, from which the arm can follow the plan.
+    /// The axis angles at the plan's first waypoint, from which the arm can follow the plan.
     pub start: Joints,
     /// Notes for the person who runs the program, one line each.
     pub remarks: &'a [String],
@@ -104,7 +104,7 @@ pub fn krl(program: &Program<'_>, settings: &recipe::Path) -> String {
                 contact = waypoint.contact;
                 text.push_str(if contact { "; contact\n" } else { "; air\n" });
             }
-            // The advance run processes both without a stop; each is written only when it changes.
+            // The advance run processes these assignments without a stop; each is written only when its value changes.
             let next_feed = format!("$VEL.CP = {:.4} ; m/s\n", waypoint.feed_mm_s / 1_000.0);
             let next_blend = format!("$APO.CDIS = {:.1} ; mm\n", waypoint.blend_mm);
             change(&mut text, &mut feed, next_feed);
@@ -145,7 +145,7 @@ fn axes(joints: &Joints) -> String {
     format!("{{{}}}", words.join(", "))
 }
 
-/// Returns a number with this many decimals, and no minus sign before zero.
+/// Writes a number with this many decimals, and without a minus sign for zero.
 fn number(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     let is_nothing = text.chars().all(|c| !('1'..='9').contains(&c));

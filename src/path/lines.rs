@@ -1,4 +1,5 @@
-//! The lines over one patch, by the recipe's pattern, in one piece from the first place in contact to the last.
+//! The lines over one patch, by the recipe's pattern, as one continuous track from the first place in contact to the
+//! last.
 
 use super::raster::{Along, Insets, Laying, RasterError, joined, resampled, rows};
 use super::rings::Rings;
@@ -10,13 +11,12 @@ use crate::surface::{BSplineSurface, Parameter, Patch};
 /// Angles within this distance of 0 and 90° count as along u and v.
 const ALONG_DEG: f64 = 0.01;
 
-/// Neighbouring turns of a spiral with corners are not parallel: near its middle they are farther apart than their
-/// depths, by up to 15 %.
+/// Neighbouring turns of a spiral with corners are not parallel: near its middle their distance exceeds the difference
+/// of their depths by up to 15 %.
 const WINDING: f64 = 0.85;
 
-/// A line shorter than this, mm, or than [`MIN_SPACING_SHARE`] of the spacing, is left out, and its end is moved to
-/// the next one's. Such a short line would be travelled slowly, because the controller needs time to plan each
-/// line.
+/// A line shorter than this, mm, or than [`MIN_SPACING_SHARE`] of the spacing, is left out: it is merged with the next
+/// line. Such a short line would be travelled slowly, because the controller needs time to plan each line.
 const MIN_LINE_MM: f64 = 1.0;
 const MIN_SPACING_SHARE: f64 = 0.25;
 
@@ -105,7 +105,7 @@ fn laid(
     if !(in_rows && is_slanted(settings.feed_angle_deg())) {
         return Ok(laid);
     }
-    // Rows that meet the border at an angle leave teeth there, so a contour is abraded first.
+    // Rows that meet the border at an angle leave a jagged edge there, so a contour is abraded first.
     let contour = around([0, 0], rings(1.0).closed()?.into_iter().take(1).collect());
     Ok(Lines { track: joined(surface, &[contour.track, laid.track], spacing_mm), ..laid })
 }
@@ -134,7 +134,7 @@ fn there_and_back(surface: &BSplineSurface, rows: Vec<Vec<Parameter>>, spacing_m
     Lines { track, neighbours: rows.windows(2).map(|pair| [pair[0].clone(), pair[1].clone()]).collect() }
 }
 
-/// Joins two sets of rows; the second one begins at its nearer end.
+/// Joins two sets of rows; the second set begins at the end that is nearer.
 fn crossed(surface: &BSplineSurface, first: Lines, second: Lines, spacing_mm: f64) -> Lines {
     let (mut track, mut across) = (first.track, second.track);
     let from = track.last().map(|at| surface.point(*at));

@@ -2,16 +2,17 @@
 //!
 //! - `areas`: which grids form one area, and in which order · `raster`, `slanted`, `rings`, `lines`: the lines over
 //!   an area
-//! - `orientation`: the tool's attitude · `contact`: how it lands, continues and leaves · `plan`: all of these
+//! - `orientation`: the tool's orientation · `contact`: how the tool lands, continues and retracts · `plan`: all of
+//!   these
 //!   joined · `planned`: the data of a plan
 //! - `piece`: the lines of one area, laid until they keep their limits · `evenness`: the feeds that make times
 //!   under the disc even
 //! - `coverage`, `edge`, `dwell`, `disc`, `touching`: the results of a plan, and of its execution · `gate`: judges
 //!   a plan
-//! - `kinematics`, `reach`, `panel_reach`: whether the arm can follow, at the panel's place
-//! - `approach`: the axes before contact · `routes`: paths as they are sent, each through the gates · `trace`:
+//! - `kinematics`, `reach`, `panel_reach`: whether the arm can follow a path at the panel's pose
+//! - `approach`: the axis angles before contact · `routes`: paths as they are sent, each through the gates · `trace`:
 //!   where the tool was
-//! - `waypoint_gate`: the last check of a motion before it starts, in the base · `krl`: a program that a person
+//! - `waypoint_gate`: the last check of a motion before it starts, in the base frame · `krl`: a program that a person
 //!   runs by hand
 
 pub mod approach;

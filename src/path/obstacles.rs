@@ -1,8 +1,8 @@
 //! Objects in the cell as a scan shows them: points that no part of the arm may come near.
 //!
 //! Boxes of the cell's file state the objects that are always there. These points state the objects that are there
-//! now: the panel at its measured place, and everything else that the scan saw. Objects that the scan did not see
-//! are not known: behind obstacles only the boxes protect the arm.
+//! now: the panel at its measured place, and everything else that the scan saw. Objects that the scan did not see are
+//! not known: behind obstacles the arm is protected only by the boxes.
 
 use crate::geometry::{Base, Point};
 use std::collections::BTreeMap;
@@ -59,9 +59,9 @@ impl Obstacles {
 }
 
 impl Obstacle {
-    /// Returns the least distance of its points, mm, by a function that gives the distance of a place from
-    /// something; none if all are farther than `needed_mm`. The ball around a block of points shows when none of
-    /// them is near.
+    /// Returns the smallest distance of the obstacle's points, mm, calculated with `distance_mm`, which gives the
+    /// distance of a point from something; `None` if all points are farther away than `needed_mm`. The bounding sphere
+    /// of a block shows when none of its points is near.
     pub(super) fn nearer_mm(&self, needed_mm: f64, distance_mm: impl Fn(Point<Base>) -> f64) -> Option<f64> {
         let may_be_near = |block: &&Block| distance_mm(block.middle) - block.radius_mm <= needed_mm + ROUNDING_MM;
         let near = self.blocks.iter().filter(may_be_near).flat_map(|block| &block.points);
@@ -94,7 +94,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Of the points in one cube, only the first is stored, whether they follow each other or not.
+    /// Of the points in one cube, only the first is stored, whether or not they are consecutive.
     #[test]
     fn points_are_thinned() {
         let obstacles = Obstacles::default().with("panel", [1.0, 2.0, 9.0, 3.0].map(|x| Point::at(x, 0.0, 0.0)));

@@ -1,10 +1,10 @@
-//! The tool's attitude on the surface (thesis 4.7).
+//! The tool's orientation on the surface (thesis 4.7).
 //!
-//! Tool Z = −N, out of the pad and into the panel (4.17). The thesis uses Y = Z × (0, 0, −1), which does not exist
-//! if the normal is vertical and spins near that direction. Here X is a reference made perpendicular to Z and
+//! Tool Z = −N, out of the pad and into the panel (4.17). The thesis uses Y = Z × (0, 0, −1), which does not exist if
+//! the normal is vertical, and turns rapidly near that direction. Here X is a reference made perpendicular to Z and
 //!     X = (e − (e·Z) Z) / |…|,   Y = Z × X.                                              (4.18, 4.19 replaced)
-//! The reference e is the recipe's axis, or the feed *axis* S_u with one sign for the whole path: the feed
-//! direction itself would turn the wrist by 180° at every row. If e lies along the normal, the path is refused.
+//! The reference e is the recipe's axis, or the feed *axis* S_u with one sign for the whole path: the feed direction
+//! itself would turn the wrist by 180° at every row. If e lies along the normal, the path is refused.
 
 use crate::geometry::{Degrees, Panel, Point, Rigid, Tool, Vector};
 use crate::recipe;
@@ -31,14 +31,15 @@ impl Reference {
     }
 }
 
-/// The tool's attitude: its spin, and how it leans.
+/// The tool's orientation: its spin, and its inclination.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stance {
     /// The reference for the spin.
     pub reference: Reference,
-    /// Turn about the tool's own Y: it leans along its X. One sign for the whole path, in both directions of a row.
+    /// Rotation about the tool's own Y: the tool leans along its X. It has one sign for the whole path, in both
+    /// directions of a row.
     pub lead: Degrees,
-    /// Turn about the tool's own X, after the lead.
+    /// Rotation about the tool's own X, after the lead.
     pub tilt: Degrees,
 }
 
@@ -81,8 +82,8 @@ pub enum OrientationError {
     },
 }
 
-/// Returns the tool's pose on the surface, with its point `height_mm` above it along the normal; the tool leans
-/// about that point.
+/// Returns the tool's pose on the surface, with its tip `height_mm` above the surface along the normal; the tool leans
+/// about its tip.
 ///
 /// # Errors
 /// If the surface has no normal or the reference lies along it.

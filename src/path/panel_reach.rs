@@ -1,9 +1,10 @@
-//! Checks whether the arm reaches the panel at its place: a plan as a whole, and, before the panel is wetted, every
+//! Checks whether the arm reaches the panel at its pose: a plan as a whole, and, before the panel is wetted, every
 //! grid.
 //!
-//! A round tool may turn about its own axis, so the spin of the whole path is chosen among twelve for the most
-//! room; the first one that leaves enough room is used. Only the [`turned`] plan is the one that was followed. A
-//! refusal names the grid, the waypoint, the axis and how far it is off, and a shift of the panel that would help.
+//! A round tool may turn about its own axis, so twelve spins of the whole path are tried: the first one that leaves
+//! enough room is used, otherwise the one with the most room. The result applies only to the plan with this spin,
+//! [`turned`]. A refusal names the grid, the waypoint, the axis and by how much it exceeds its limit, and a shift of
+//! the panel that would help.
 
 use super::disc::DiscUse;
 use super::gate::judged;
@@ -22,12 +23,12 @@ use rayon::prelude::*;
 
 /// Spins that are tried, degrees, in this order.
 const SPINS_DEG: [f64; 12] = [0.0, 30.0, -30.0, 60.0, -60.0, 90.0, -90.0, 120.0, -120.0, 150.0, -150.0, 180.0];
-/// Room beyond the margins that is enough, degrees: no better spin is searched.
+/// Room beyond the margins that is enough, degrees: with this room no better spin is searched.
 const SUFFICIENT_ROOM_DEG: f64 = 10.0;
-/// Largest number of waypoints that are checked for a shift.
+/// Largest number of waypoints that are checked to find a shift.
 const SHIFT_LEGS: usize = 60;
 
-/// The panel's place before an arm with its tool.
+/// The panel's pose in front of an arm with its tool.
 #[derive(Debug, Clone, Copy)]
 pub struct ReachSetup<'a> {
     /// The arm.
@@ -36,24 +37,24 @@ pub struct ReachSetup<'a> {
     pub flange_from_tool: Rigid<Flange, Tool>,
     /// The panel.
     pub base_from_panel: Rigid<Base, Panel>,
-    /// The axes from which a line leads to the plan's first point, so that the arm arrives in their configuration.
-    /// Without them the configuration with the most room is used.
+    /// The axis angles from which a line leads to the plan's first point, so that the arm arrives in their
+    /// configuration. Without them the configuration with the most room is used.
     pub from: Option<Joints>,
 }
 
 /// A plan that the arm can follow.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reached {
-    /// Turn of the tool about its own Z, for the whole plan.
+    /// Rotation of the tool about its own Z, for the whole plan.
     pub spin: Degrees,
-    /// The axes at each waypoint, and the room beyond the margins.
+    /// The axis angles at each waypoint, and the room beyond the margins.
     pub travel: Travel,
 }
 
 /// A plan that the arm cannot follow.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Unreached {
-    /// The place and the reason, with the spin that comes farthest.
+    /// The place and the reason, for the spin with which the arm comes farthest along the plan.
     pub fault: ReachFault,
     /// The point on the panel.
     pub at: Point<Panel>,
@@ -61,10 +62,10 @@ pub struct Unreached {
     pub shift: Option<Vector<Base>>,
 }
 
-/// Follows a plan.
+/// Follows a plan with the arm's kinematics.
 ///
 /// # Errors
-/// If the arm does not reach, with the reason of the spin that comes farthest.
+/// If the arm cannot follow the plan, with the reason for the spin with which it comes farthest.
 ///
 /// # Panics
 /// If a number of the plan is not finite: see [`plan`].
@@ -123,7 +124,7 @@ fn followed(plan: &Plan, stand: &ReachSetup<'_>, spin_deg: f64) -> Result<Travel
 fn unreached(plan: &Plan, stand: &ReachSetup<'_>, spin_deg: f64, fault: ReachFault) -> Unreached {
     let legs = legs(plan, stand, spin_deg);
     let thinned: Vec<Leg> = legs.iter().step_by(legs.len().div_ceil(SHIFT_LEGS).max(1)).copied().collect();
-    // Such legs are far apart and give no information about speed, so they are followed slowly.
+    // Thinned legs are far apart and give no information about speed, so they are followed slowly.
     let mut slow: Vec<Leg> = thinned.iter().map(|leg| Leg { feed_mm_s: 5.0, blend_mm: 0.0, ..*leg }).collect();
     if matches!(fault.cause, Infeasibility::Retract { .. }) {
         // A helpful shift must also leave enough space for the retract.
@@ -177,8 +178,8 @@ pub struct GridReach {
     pub refused: Vec<Check>,
 }
 
-/// Returns the reach of every grid of a region, each by the path that would abrade it alone: known before the panel
-/// is wetted.
+/// Checks for every grid of a region whether the arm reaches it, with the path that would abrade only this grid: the
+/// result is known before the panel is wetted.
 ///
 /// # Errors
 /// If the surface allows no path over a grid.
@@ -204,9 +205,9 @@ pub fn of_grids(
     all.into_iter().collect()
 }
 
-/// Accepts a region if every grid is reached. If some are not, a person decides, since perhaps none of them fails;
-/// if none is reached, the panel is at a wrong place. A path that the gate rejects is rejected for every grid: no
-/// person can accept a path that would never be sent.
+/// Accepts a region if every grid is reached. If some are not, a person decides, since perhaps none of these grids
+/// fails; if no grid is reached, the panel is at a wrong place and is rejected. A path that the gate rejects is
+/// rejected for every grid: no person can accept a path that would never be sent.
 pub fn judge_grids(grids: &[GridReach]) -> Judgement {
     Judgement::of_checks(&broken_by_grids(grids))
 }
@@ -225,8 +226,8 @@ pub fn broken_by_grids(grids: &[GridReach]) -> Vec<Check> {
     refused.chain(grids.iter().filter_map(unreached)).collect()
 }
 
-/// Checks the room that is left if the arm follows a plan. If it does not, the plan is rejected in words: grid and
-/// waypoint, axis, how far, and what helps.
+/// Checks the room that is left if the arm follows a plan. If the arm cannot follow, the plan is rejected with a
+/// message: grid and waypoint, axis, by how much, and what helps.
 pub fn check_plan(
     reached: &Result<Reached, Box<Unreached>>,
     (surface, region): (&BSplineSurface, &Region),

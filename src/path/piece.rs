@@ -1,5 +1,5 @@
-//! The work in one area: its lines, laid again until the disc keeps to the outline, reaches the whole area, and no
-//! two lines are farther apart than the recipe's step-over.
+//! The lines of one area, which are laid again until the disc stays within the outline and reaches the whole area, and
+//! no two lines are farther apart than the recipe's step-over.
 
 use super::areas::Area;
 use super::coverage::{GridCoverage, MIN_COVERAGE, coverage, step_overs_mm, strokes};
@@ -12,10 +12,10 @@ use crate::panel::{GridId, Region};
 use crate::recipe;
 use crate::surface::{BSplineSurface, Parameter, Patch};
 
-/// Returns whether there is panel at a place.
+/// A function that returns whether there is panel at a place.
 pub(super) type There<'a> = &'a (dyn Fn(Parameter) -> bool + Sync);
 
-/// The work in one area, before paths are joined.
+/// The lines of one area and their results, before paths are joined.
 #[derive(Debug, Clone)]
 pub(super) struct Piece {
     pub area: Area,
@@ -31,17 +31,17 @@ pub(super) struct Piece {
 /// Largest number of times that lines are laid again because the disc reaches too far beyond the outline, or lines
 /// are too far apart.
 const ROUNDS: usize = 16;
-/// Lines are moved inwards by the excess of the disc plus this distance, mm: the rest after a round is less than
-/// that.
+/// Additional distance by which lines are moved inwards beyond the excess of the disc, mm: the excess that remains
+/// after a round is less than this.
 const OUTLINE_CLEAR_MM: f64 = 0.01;
 /// Additional factor by which lines are laid closer when they are too far apart.
 const CLOSER: f64 = 0.999;
 /// Number of places on each side of a patch at which its curvature is checked.
 const BEND_STEPS: usize = 6;
-/// If one place would do for a whole patch, the disc moves over it by this share of its radius: it never comes down
-/// and leaves at one place.
+/// If one place would be enough for a whole patch, the disc moves over it by this fraction of its radius, so that it
+/// does not come down and leave at the same place.
 const STROKE_RADII: f64 = 0.5;
-/// Times that this way is halved if the disc would reach beyond the outline.
+/// Number of times that this motion is halved if the disc would reach beyond the outline.
 const STROKE_HALVES: usize = 3;
 
 pub(super) fn first_grid(area: &Area) -> GridId {
@@ -107,7 +107,7 @@ pub(super) fn piece(
     }
 }
 
-/// Returns a short way over one place, along u or v: the direction that keeps more of the disc on the panel.
+/// Returns a short motion over one place, along u or v: the direction that keeps more of the disc on the panel.
 fn stroke(
     surface: &BSplineSurface,
     at: Parameter,
@@ -139,7 +139,7 @@ fn stroke(
 }
 
 /// Returns the recipe's spacing, or less if a chord of this length would leave the surface by more than the recipe
-/// allows: a chord of length s over curvature κ lies κ s² / 8 off.
+/// allows: a chord of length s deviates from a curvature κ by κ s² / 8.
 fn spacing_mm(surface: &BSplineSurface, patch: &Patch, settings: &recipe::Path) -> f64 {
     let mut bend: f64 = 0.0;
     for n in 0..=BEND_STEPS * BEND_STEPS {

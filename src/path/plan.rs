@@ -1,11 +1,11 @@
 //! Tool paths over chosen grids, with the evidence that the gate judges (thesis Fig. 4.29).
 //!
 //! Neighbouring grids are one area, and each area has one path (`contact`): through the air to a place above its
-//! lines, down, along the lines in contact, up. Areas follow one another on a short way. Between them the tool
-//! flies over the surface at the height of its approach: a straight way could cut through a bulge. If the disc
-//! would reach too far beyond the panel's outline, lines keep more distance from that side of their area; the
-//! coverage shows the part that is then not reached. The feed is lower at places that would be under the disc for
-//! less time (`evenness`). Poses are the tool's in the panel's frame. The result is in `planned`.
+//! lines, down, along the lines in contact, up. The areas are ordered so that the path between them is short. Between
+//! areas the tool moves through the air along the surface at the approach height: a straight motion could cut through
+//! a bulge. If the disc would reach too far beyond the panel's outline, lines keep more distance from that side of
+//! their area; the coverage shows the part that is then not reached. The feed is lower at places that would be under
+//! the disc for less time (`evenness`). Poses are the tool's in the panel's frame. The result is in `planned`.
 
 use super::areas::{Area, areas, order};
 use super::contact::tool_path;
@@ -39,7 +39,7 @@ pub fn plan(
     planned(surface, region, grids, (outline, &|_| true), (settings, 0.0))
 }
 
-/// The same, with the tool lifted over holes of the panel.
+/// Plans paths as [`plan`] does, with the tool lifted over holes of the panel.
 ///
 /// # Errors
 /// As [`plan`].
@@ -56,8 +56,8 @@ pub fn plan_around(
     planned(surface, region, grids, (outline, &|at| !holes.holds(at)), (settings, 0.0))
 }
 
-/// The same, with the lines laid this far beyond the border of the treated area, mm: for an even removal up to that
-/// border, the disc must leave it.
+/// Plans paths as [`plan_around`] does, with the lines laid this far beyond the border of the treated area, mm: for an
+/// even removal up to the border, the disc must move beyond it.
 ///
 /// # Errors
 /// As [`plan`].
@@ -112,7 +112,7 @@ fn planned(
     Ok(plan)
 }
 
-/// Returns an area with lines laid as if it were larger by this length on each side, mm.
+/// Returns an area that is larger by this length on each side, mm, for laying its lines.
 fn widened(surface: &BSplineSurface, area: Area, by_mm: f64) -> Area {
     let middle = surface.tangents(area.patch.at(Parameter { u: 0.5, v: 0.5 }));
     let (by_u, by_v) = (by_mm / middle.s_u.mm.norm(), by_mm / middle.s_v.mm.norm());

@@ -1,5 +1,5 @@
-//! The data of a plan: waypoints, the paths that they form, and the area that these cover; and the reason why there
-//! is no plan.
+//! The data of a plan: waypoints, the paths that they form, and the area that these paths cover; and the reason why
+//! there is no plan.
 
 use super::coverage::GridCoverage;
 use super::edge::Overhang;
@@ -11,16 +11,16 @@ use crate::recipe;
 use crate::surface::Spread;
 use crate::surface::dwell::Dwell;
 
-/// One pose to move to in a straight line.
+/// One pose that is reached by a linear motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Waypoint {
     /// The tool in the panel's frame.
     pub panel_from_tool: Rigid<Panel, Tool>,
-    /// Whether the disc is on the panel here. A move is in contact if both its ends are.
+    /// Whether the disc is on the panel here. A motion is in contact if both its ends are.
     pub contact: bool,
-    /// Speed of the tool's point on the way here, mm/s.
+    /// Speed of the tool centre point on the motion to this pose, mm/s.
     pub feed_mm_s: f64,
-    /// Rounding of the corner here, mm; 0 stops.
+    /// Rounding of the corner here, mm; with 0 the arm stops.
     pub blend_mm: f64,
 }
 
@@ -37,8 +37,8 @@ impl Waypoint {
     }
 
     /// Returns the tool's pose in the panel's frame as the controller reads it. It differs from
-    /// [`Waypoint::panel_from_tool`] by the rounding of three angles. The followed and the sent path both use this
-    /// pose.
+    /// [`Waypoint::panel_from_tool`] by the rounding of three angles. The path that is checked and the path that is
+    /// sent both use this pose.
     pub fn as_sent(&self) -> Rigid<Panel, Tool> {
         self.pose().to_rigid()
     }
@@ -73,9 +73,9 @@ pub struct Plan {
     pub contact_mm: f64,
     /// Time for all moves, s, including starting and stopping at each stop of the path.
     pub duration_s: f64,
-    /// Covered share of all grids together, 0…1.
+    /// Covered fraction of all grids together, 0…1.
     pub coverage: f64,
-    /// Covered share of each grid.
+    /// Covered fraction of each grid.
     pub grids: Vec<GridCoverage>,
     /// Time under the disc over the whole treated area; `None` if nothing is treated.
     pub dwell: Option<Spread>,
@@ -83,13 +83,14 @@ pub struct Plan {
     pub grid_dwell: Vec<(GridId, Spread)>,
     /// Distance between neighbouring rows, without turns; `None` if no path has two rows.
     pub step_over_mm: Option<StepOver>,
-    /// Distance by which the disc leaves the panel.
+    /// Reach of the disc beyond the panel's outline.
     pub overhang: Overhang,
 }
 
 impl Plan {
-    /// Returns the largest ratio of the longest to the shortest time under the disc. It compares all grids together
-    /// and each grid, and returns the grid if the ratio is that of one grid; `None` if nothing is treated.
+    /// Returns the largest ratio of the longest to the shortest time under the disc. It is the largest of the ratio
+    /// over all grids together and the ratios of the single grids; in the latter case the grid is returned, too;
+    /// `None` if nothing is treated.
     pub fn dwell_ratio(&self) -> Option<(f64, Option<GridId>)> {
         let all = self.dwell.map(|dwell| (dwell.ratio(), None));
         let grids = self.grid_dwell.iter().map(|(id, dwell)| (dwell.ratio(), Some(*id)));
@@ -140,7 +141,7 @@ pub(super) fn extent(paths: &[ToolPath], settings: &recipe::Path) -> Extent {
         sum.length_mm += step_mm;
         sum.contact_mm += if pair[0].contact && pair[1].contact { step_mm } else { 0.0 };
         sum.duration_s += step_mm / pair[1].feed_mm_s;
-        // Starting or stopping costs half of feed / acceleration at each stop.
+        // At each stop, starting or stopping costs half of feed / acceleration.
         let stops = [pair[0], pair[1]].iter().filter(|waypoint| waypoint.blend_mm == 0.0).count();
         sum.duration_s += stops as f64 * pair[1].feed_mm_s / settings.acceleration_mm_s2() / 2.0;
     }

@@ -6,14 +6,14 @@
 //! before it, on columns of constant u: sliding Q back along F to its column does not change v. That is the first
 //! guess; then v is corrected until the distance across, measured on the surface,
 //!     a(v) = ∫ |S_u × S_v| / |S_u| dv,
-//! is right. Rows along v are the same with u and v exchanged. Rows have the equal distance r' = w / ceil(w / r) ≤
-//! r, w being the patch's width between the first and the last row. If a patch is narrower on one side, each column
-//! divides its own width by the number of rows, so that the last row follows the far border.
+//! equals the required distance. Rows along v are the same with u and v exchanged. Rows have the equal distance r' = w
+//! / ceil(w / r) ≤ r, w being the patch's width between the first and the last row. If a patch is narrower on one
+//! side, each column divides its own width by the number of rows, so that the last row follows the far border.
 //!
-//! Rows and their ends are inset from the patch's border by 0.2 of the disc's radius R, or more if the panel's
-//! outline requires it. So the disc overlaps neighbouring grids by 0.8 R: with its middle farther inside, the
-//! border would be under it for too short a time. A patch narrower than two insets gets one row in its middle, one
-//! shorter than two insets rows of one point.
+//! Rows and their ends are inset from the patch's border by 0.2 of the disc's radius R, or more if the panel's outline
+//! requires it. So the disc overlaps neighbouring grids by 0.8 R: if its middle stayed farther inside, the border
+//! would be under the disc for too short a time. A patch narrower than two insets gets one row in its middle; a patch
+//! shorter than two insets gets rows of one point.
 
 use crate::recipe;
 use crate::surface::{BSplineSurface, Parameter, Patch, Tangents};
@@ -25,9 +25,9 @@ const INSET_RADII: f64 = 0.2;
 const COLUMN_SPACING_MM: f64 = 5.0;
 /// Tolerance of a distance across the rows, mm.
 const TOLERANCE_MM: f64 = 1e-6;
-/// Newton steps before a row is given up; a smooth patch needs two or three.
+/// Newton steps before the calculation of a row is abandoned; a smooth patch needs two or three.
 const MAX_NEWTON_STEPS: usize = 20;
-/// Pieces in which the width of a patch is integrated, three nodes each.
+/// Number of pieces in which the width of a patch is integrated, with three nodes each.
 const WIDTH_PIECES: usize = 4;
 /// Gauss–Legendre nodes and weights on 0…1.
 const GAUSS: [(f64, f64); 3] =
@@ -109,8 +109,8 @@ impl Insets {
         Insets { u: [inset_mm; 2], v: [inset_mm; 2], more: [0.0; 4], pushed: [false; 4] }
     }
 
-    /// Records that the disc reaches too far at this place: the rows must keep a larger distance from the side
-    /// towards which it does.
+    /// Records that the disc reaches too far at this place: the rows must keep a larger distance from the side towards
+    /// which it reaches.
     pub fn keep_off(&mut self, tangents: &Tangents, outward: Vector3<f64>, excess_mm: f64) {
         let (along_u, along_v) =
             (outward.dot(&tangents.s_u.mm.normalize()), outward.dot(&tangents.s_v.mm.normalize()));
@@ -119,7 +119,7 @@ impl Insets {
         self.more[side] = self.more[side].max(excess_mm);
     }
 
-    /// Applies the noted changes.
+    /// Applies the recorded distances.
     pub fn settle(&mut self) {
         for (side, more) in std::mem::take(&mut self.more).into_iter().enumerate() {
             let insets = if side < 2 { &mut self.u } else { &mut self.v };
@@ -128,8 +128,8 @@ impl Insets {
         }
     }
 
-    /// Moves the sides that no outline has pushed out to their border: the disc overlaps the neighbours by its
-    /// radius. Returns false if no side was pushed, or all were moved out before.
+    /// Moves the sides that were not pushed inwards by an outline to their border: the disc overlaps the neighbours by
+    /// its radius. Returns false if no side was pushed, or all were moved out before.
     pub fn give_way(&mut self) -> bool {
         let free: Vec<usize> = (0..4).filter(|side| !self.pushed[*side]).collect();
         let mut gave = false;
@@ -214,7 +214,7 @@ impl Raster {
     }
 }
 
-/// Joins lines, one after the other, with connecting ways between them; no step is longer than the spacing.
+/// Joins lines, one after the other, by connecting lines; no step is longer than the spacing.
 pub(super) fn joined(surface: &BSplineSurface, lines: &[Vec<Parameter>], spacing_mm: f64) -> Vec<Parameter> {
     let mut track: Vec<Parameter> = Vec::new();
     for line in lines {
@@ -256,9 +256,9 @@ pub(super) fn mix(from: Parameter, to: Parameter, share: f64) -> Parameter {
 
 struct Column {
     at: f64,
-    /// From the low border to the first row.
+    /// Distance from the low border to the first row.
     first_mm: f64,
-    /// From the first row to the last one.
+    /// Distance from the first row to the last one.
     left_mm: f64,
 }
 
@@ -276,14 +276,14 @@ fn columns(surface: &BSplineSurface, patch: &Patch, laying: &Laying) -> Result<V
             width_mm += across_mm(surface, along, border(piece), along.across(border(piece + 1)))?;
         }
         let left_mm = width_mm - low_mm - high_mm;
-        // If there is no space for both insets: one row, equally far beyond each inset.
+        // If there is no space for both insets, there is one row, equally far beyond each inset.
         let first_mm = if left_mm > 0.0 { low_mm } else { between_insets_mm(width_mm, [low_mm, high_mm]) };
         Ok(Column { at: along.along(border(0)), first_mm, left_mm: left_mm.max(0.0) })
     };
     (0..=pieces).map(column).collect()
 }
 
-/// Returns the place of a line that has no room for both insets, from the low border, mm: equally far beyond each
+/// Returns the position of a line that has no space for both insets, from the low border, mm: equally far beyond each
 /// inset.
 pub(super) fn between_insets_mm(width_mm: f64, [low_mm, high_mm]: [f64; 2]) -> f64 {
     ((width_mm + low_mm - high_mm) / 2.0).clamp(0.0, width_mm)

@@ -1,10 +1,10 @@
 //! Lines that run around a patch: offset contours and spirals (thesis Fig. 4.26 b–d).
 //!
 //! A ring at depth d has the distance d, measured on the surface as for rows, from each of the patch's four borders
-//! beyond that border's inset. Let h be half of the patch's shorter side without the insets. Depths are equal steps
-//! r' = h / (n + ½) ≤ r − e, so that the sides of the innermost ring, too, are r' apart in the middle. They are at
-//! most r apart where the patch is longer by e; no line is travelled twice. If h is zero, there is one line, or one
-//! point, in the middle.
+//! beyond that border's inset. Let h be half of the patch's shorter side without the insets. Depths are equal steps r'
+//! = h / (n + ½) ≤ r − e, so that the sides of the innermost ring, too, are r' apart in the middle. At places at which
+//! the patch is longer by e, they are at most r apart; no line is travelled twice. If h is zero, there is one line, or
+//! one point, in the middle.
 
 use super::raster::{Along, Insets, RasterError, across_from, between_insets_mm, mix};
 use crate::surface::{BSplineSurface, Parameter, Patch};
@@ -75,8 +75,8 @@ impl<'a> Rings<'a> {
         (0..=self.steps).map(|ring| self.sides([self.depth(ring); SIDES + 1])).collect()
     }
 
-    /// As [`Rings::closed`], but the last side of each ring leads to the corner of the next one at the place where
-    /// it meets that ring.
+    /// Returns the rings as [`Rings::closed`] does, but the last side of each ring leads to the corner of the next
+    /// ring, at the place where it meets that ring.
     pub fn stepped(&self) -> Result<Vec<[Vec<Parameter>; SIDES]>, RasterError> {
         let mut rings = self.closed()?;
         for (ring, sides) in rings.iter_mut().take(self.steps).enumerate() {
@@ -90,7 +90,7 @@ impl<'a> Rings<'a> {
         Ok(rings)
     }
 
-    /// Returns one ring, then turns that lead continuously inwards, then the innermost ring.
+    /// Returns the outermost ring, then turns that lead continuously inwards, then the innermost ring.
     pub fn winding(&self) -> Result<Vec<[Vec<Parameter>; SIDES]>, RasterError> {
         let mut all = vec![self.sides([0.0; SIDES + 1])?];
         for ring in 0..self.steps {

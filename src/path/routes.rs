@@ -1,8 +1,8 @@
 //! Paths as they are sent, each checked as a whole by the gate.
 //!
-//! A way through air is a straight line cut into steps, so that the gate checks all parts. A contact path is the
-//! plan's, in the panel's frame, which is the base that was set. Every path is followed axis by axis from the
-//! current axes.
+//! A motion through air is a straight line divided into steps, so that the gate checks all parts. A contact path is
+//! that of the plan, in the panel's frame, which is the base that was set. Every path is followed with all axes from
+//! the current axis angles.
 
 use super::gate::{check_pad, judged, taught_axis};
 use super::kinematics::Kinematics;
@@ -17,18 +17,18 @@ use crate::verdict::{Check, Judgement, Reason, Severity, Verdict};
 use nalgebra::Vector3;
 use std::sync::Arc;
 
-/// Largest step and turn of a way through air.
+/// Largest step and rotation of a motion through air.
 const AIR_STEP_MM: f64 = 40.0;
 const AIR_TURN: Degrees = Degrees(8.0);
-/// Rounding at the steps of a way through air: as a share of a step, then the upper limit.
+/// Rounding at the steps of a motion through air: as a fraction of a step; the second constant is its upper limit.
 const BLEND_SHARE: f64 = 0.2;
 const AIR_BLEND_MM: f64 = 5.0;
 /// Speed through air, mm/s, if the cell allows it.
 const AIR_MM_S: f64 = 200.0;
 const ACCELERATION_M_S2: f64 = 1.0;
 
-/// Limits of the difference between the tip by the cell's arm and the tip by the controller, mm and degrees. A
-/// larger difference means another arm, another tool or another zero of an axis.
+/// Limits of the difference between the tip's pose calculated with the cell's arm and the one that the controller
+/// reports, mm and degrees. A larger difference means another arm, another tool or another zero of an axis.
 const MODEL_MM: f64 = 3.0;
 const MODEL: Degrees = Degrees(1.0);
 
@@ -43,7 +43,7 @@ pub struct StartState<'a> {
     pub flange_from_tool: Rigid<Flange, Tool>,
     /// The current axes.
     pub joints: Joints,
-    /// The obstacles that it avoids, if the way does not lead to the panel.
+    /// The obstacles that the arm avoids, if the motion does not lead to the panel.
     pub obstacles: Option<&'a Arc<Obstacles>>,
 }
 
@@ -52,11 +52,11 @@ pub struct StartState<'a> {
 pub struct LinearMotion {
     /// The pose at its end.
     pub pose: KukaPose,
-    /// Rounding at the end of the motion, mm; 0 stops there.
+    /// Rounding at the end of the motion, mm; with 0 the arm stops there.
     pub blend_mm: f64,
     /// Whether the tool is in contact at the end of the motion.
     pub contact: bool,
-    /// Its own speed, m/s; the path's speed if there is none.
+    /// The motion's own speed, m/s; `None` selects the path's speed.
     pub speed_m_s: Option<f64>,
 }
 
@@ -69,7 +69,7 @@ pub struct PathSpeed {
     pub acceleration_m_s2: f64,
 }
 
-/// A path that may be sent, or the reasons why not.
+/// A path with the result of its gate: it may be sent, or there are violations.
 #[derive(Debug, Clone)]
 pub struct Gated {
     /// The violations; empty if the path may be sent.
@@ -80,7 +80,7 @@ pub struct Gated {
     pub speed: PathSpeed,
     /// The tip's pose at the end, in the robot's base.
     pub end: Option<Rigid<Base, Tool>>,
-    /// The axes at the end; `None` if the path is refused.
+    /// The axis angles at the end; `None` if the path is refused.
     pub joints: Option<Joints>,
 }
 
@@ -107,7 +107,7 @@ pub fn waypoints(plan: &Plan) -> Vec<Waypoint> {
     plan.paths.iter().flat_map(|path| path.waypoints.iter().copied()).collect()
 }
 
-/// Returns a straight way through air from the arm's current pose, in a base that is at `base_from_active`.
+/// Checks a straight motion through air from the arm's current pose, in a base that is at `base_from_active`.
 pub fn air<Active: crate::geometry::Frame>(
     standing: &StartState<'_>,
     base_from_active: Rigid<Base, Active>,
@@ -117,7 +117,7 @@ pub fn air<Active: crate::geometry::Frame>(
     air_at(standing, base_from_active, ends, taught_axis, AIR_MM_S)
 }
 
-/// Checks a way through air at a given speed.
+/// Checks a motion through air at a given speed.
 pub fn air_at<Active: crate::geometry::Frame>(
     standing: &StartState<'_>,
     base_from_active: Rigid<Base, Active>,
@@ -154,9 +154,9 @@ pub fn lifted(plan: &Plan, height_mm: f64) -> Plan {
     lifted
 }
 
-/// Returns the path over the panel: the whole plan without its first point, which is in air and where the arm
+/// Checks the path over the panel: the whole plan without its first point, which is in air and at which the arm
 /// already is. Feed and rounding are each waypoint's own. A plan that its own gate rejects is not sent, even if a
-/// person accepted the steps before. The decisions that this gate requests from a person were requested before.
+/// person accepted the previous steps. The decisions that this gate requires from a person were requested earlier.
 pub fn contact(
     standing: &StartState<'_>,
     base_from_panel: Rigid<Base, Panel>,
@@ -189,7 +189,8 @@ pub fn contact(
     gated.refused_for(of_plan)
 }
 
-/// Checks the way to a view of a corner; the end of the way must lie where the arm's correction was measured.
+/// Checks the motion to a view of a corner; the end of the motion must lie in the volume in which the arm's correction
+/// was measured.
 pub fn view(standing: &StartState<'_>, from: Rigid<Base, Tool>, to: Rigid<Base, Tool>) -> Gated {
     let gated = air(standing, Rigid::<Base, Base>::identity(), (from, to), None);
     match standing.where_measured([to]) {
@@ -239,7 +240,7 @@ fn gated<Active: crate::geometry::Frame>(
 }
 
 impl StartState<'_> {
-    /// If the tip must be exact, the arm's correction must have been measured there.
+    /// Checks that the arm's correction was measured at these tip poses, because the tip must be exact there.
     fn where_measured(&self, tips: impl IntoIterator<Item = Rigid<Base, Tool>>) -> Option<Check> {
         let (arm, tool_from_flange) = (Kinematics::new(self.arm), self.flange_from_tool.inverse());
         let outside = tips.into_iter().map(|tip| tip * tool_from_flange).find(|flange| !arm.is_measured(flange));
@@ -266,7 +267,8 @@ impl StartState<'_> {
         retracts(&Kinematics::new(self.arm), self.flange_from_tool, all).map_err(|fault| refused(&fault))
     }
 
-    /// Returns the axes at the end of each of these lines, followed from the current axes, or the obstacle.
+    /// Returns the axis angles at the end of each of these lines, followed from the current axis angles, or the reason
+    /// why the arm cannot follow.
     fn followed(&self, from: Rigid<Base, Tool>, legs: &[Leg]) -> Result<Vec<Joints>, Reason> {
         let arm = Kinematics::new(self.arm);
         let arm = match self.obstacles {
@@ -283,11 +285,11 @@ impl StartState<'_> {
     }
 }
 
-/// Checks whether the tip computed from the axes and the cell's arm is where the controller reports it. This fails
-/// for another arm, axes in another unit or another root of the robot.
+/// Checks whether the tip's pose computed from the axis angles and the cell's arm agrees with the pose that the
+/// controller reports. The two differ for another arm, for angles in another unit, or for another root of the robot.
 ///
 /// # Errors
-/// If it is not, with the distance between the two.
+/// If the two differ by more than the limits, with the distance between them.
 pub fn is_the_arm(
     arm: &Kinematics,
     joints: &Joints,
@@ -312,10 +314,10 @@ pub fn is_the_arm(
     Err(Reason::new("arm_model", message))
 }
 
-/// Checks whether another object mounted on the flange keeps clear on the same straight way.
+/// Checks whether another object mounted on the flange keeps its distances on the same linear motion.
 ///
 /// # Errors
-/// If it does not, with its waypoint.
+/// If it does not, with the number of the waypoint.
 pub fn mounted_follows(
     standing: &StartState<'_>,
     base_from_active: Rigid<Base, Base>,
@@ -336,7 +338,7 @@ pub fn mounted_follows(
     follow(&arm, flange_from_mounted, Some(&standing.joints), &legs).map(drop).map_err(|fault| refused(&fault))
 }
 
-/// The fault's index counts from 0, and the message counts waypoints from 1.
+/// Converts a fault to a reason: the fault's index counts from 0, and the message counts waypoints from 1.
 fn refused(fault: &ReachFault) -> Reason {
     Reason::new(fault.cause.code(), format!("waypoint {}: {}", fault.index + 1, fault.cause))
 }

@@ -20,8 +20,8 @@ struct Measured {
     normal_deg: [f64; 2],
 }
 
-/// Turns of the whole cell about the base: the panel upright in front of the robot, face up, face down, and upright
-/// at the side.
+/// Rotations of the whole cell about the base: the panel upright in front of the robot, face up, face down, and
+/// upright at the side.
 const ATTITUDES: [(&str, [f64; 3]); 4] = [
     ("upright", [0.0, 0.0, 0.0]),
     ("face up", [0.0, FRAC_PI_2, 0.0]),
@@ -50,7 +50,7 @@ fn measured(seed: u64, reduction: usize, [roll, pitch, yaw]: [f64; 3]) -> Measur
     let turn = Rotation3::from_euler_angles(roll, pitch, yaw);
     let cell = Cell::new(seed, Scene::Good, reduction);
     let (recipe, truth) = (recipe(&cell, &turn), cell.truth());
-    // The turned cell's panel frame, seen from the frame of the ground truth.
+    // The rotated cell's panel frame, seen from the frame of the ground truth.
     let turned_from_panel: Rigid<Panel, Panel> =
         Rigid::claim(Isometry3::from_parts(Translation3::identity(), turn.into()));
     let base_from_camera = Rigid::<Base, Base>::claim(*turned_from_panel.isometry()) * truth.base_from_camera;
@@ -100,8 +100,8 @@ fn a_quarter_size_scan_is_planned_in_every_attitude() {
     }
 }
 
-/// The arm of the simulated cell follows the plan over all grids at the panel's place, and each grid alone. At 400
-/// mm farther away it does not, and the words state the place, the distance and what would help.
+/// The arm of the simulated cell follows the plan over all grids at the panel's pose, and over each grid alone. At 400
+/// mm farther away the arm cannot follow, and the message states the place, the distance and what would help.
 #[test]
 fn the_simulated_arm_follows_and_says_where_it_cannot() {
     let cell = Cell::new(1, Scene::Good, 4);
@@ -120,14 +120,14 @@ fn the_simulated_arm_follows_and_says_where_it_cannot() {
     println!("room {:.1}°, spin {}", reached.travel.room_deg, reached.spin);
     let waypoints: usize = plan.paths.iter().map(|path| path.waypoints.len()).sum();
     assert_eq!(reached.travel.joints.len(), waypoints);
-    // Forward kinematics: the joints put the tool to the pose that the plan requires.
+    // Forward kinematics: the axis angles put the tool at the pose that the plan requires.
     let legs = panel_reach::legs(&panel_reach::turned(&plan, reached.spin), &stand, 0.0);
     for (joints, leg) in reached.travel.joints.iter().zip(&legs) {
         let there = arm.base_from_flange(joints).expect("numbers") * flange_from_tool;
         assert!(there.origin().distance_mm(leg.base_from_tool.origin()) < 1e-3);
         assert!((there.inverse() * leg.base_from_tool).turn().0 < 1e-3, "as the tool is turned, too");
     }
-    // The poses followed with a turned tool are those of the turned plan.
+    // The poses that the arm follows with a rotated tool are those of the rotated plan.
     let turned = panel_reach::legs(&panel_reach::turned(&plan, Degrees(60.0)), &stand, 0.0);
     for (written, followed) in turned.iter().zip(&panel_reach::legs(&plan, &stand, 60.0)) {
         let between = written.base_from_tool.inverse() * followed.base_from_tool;
@@ -136,7 +136,8 @@ fn the_simulated_arm_follows_and_says_where_it_cannot() {
     let around = (&panel.region, panel.outline.as_slice());
     let all = panel_reach::of_grids(&surface, around, &stand, recipe.path()).unwrap_or_else(|e| panic!("{e}"));
     assert_eq!((all.len(), panel_reach::judge_grids(&all).verdict), (grids.len(), Verdict::Accept));
-    // So near that the arm follows the path but could not lift off at a stop: reported for grids, and for the plan.
+    // The panel is so near that the arm follows the path but could not lift off at a stop: this is reported for grids,
+    // and for the plan.
     let nearer = ReachSetup {
         base_from_panel: truth.base_from_panel.displaced(Vector::new(Vector3::x() * -100.0)),
         ..stand

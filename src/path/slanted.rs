@@ -1,9 +1,9 @@
 //! Rows in any direction over a patch.
 //!
-//! In the patch's middle u and v are scaled to mm and turned by the feed angle: (a, b) along and across the rows.
+//! In the patch's middle u and v are scaled to mm and rotated by the feed angle: (a, b) along and across the rows.
 //! Rows begin at the inset corner of the patch that is lowest in b. Each row continues from the row before it by r'
-//! along b, measured on the surface as ∫ |F × D| / |F| db with F = S_a and D = S_b. Parts outside the inset patch
-//! are laid with the measure of the nearest place, and then cut off.
+//! along b, measured on the surface as ∫ |F × D| / |F| db with F = S_a and D = S_b. Parts of rows outside of the inset
+//! patch use the measure of the nearest place in the patch, and are then cut off.
 
 use super::raster::{Along, Insets, Laying, RasterError, across_from, mix, resampled};
 use crate::geometry::Degrees;
@@ -123,7 +123,7 @@ fn inset_corners(surface: &BSplineSurface, patch: &Patch, insets: &Insets) -> Re
 
 /// Returns the part of a line inside a convex quadrilateral.
 fn clipped(line: &[Parameter], corners: &[Parameter; 4]) -> Vec<Parameter> {
-    // The value is positive inside a side; the order of the corners turns from u to v.
+    // The value is positive inside of a side; the corners are in the order that leads from u to v.
     let sides = |at: Parameter| -> [f64; 4] {
         std::array::from_fn(|n| {
             let (from, to) = (corners[n], corners[(n + 1) % 4]);

@@ -1,5 +1,5 @@
-//! The parts that a path touches: from which waypoint on the disc reaches each grid, and which taught pixels it may
-//! touch at all. The first limits the grids in which an interrupted path may have been.
+//! The parts that a path touches: the waypoint from which on the disc reaches each grid, and the taught pixels that
+//! the disc may touch at all. The waypoints limit the grids that an interrupted path may have touched.
 
 use super::planned::Plan;
 use crate::geometry::{Mask, Panel, Pixel, Point, Vector};
@@ -17,12 +17,12 @@ const MARGIN_MM: f64 = 1.0;
 /// A place up to this distance beyond the disc's edge counts as touched, mm: the errors of the panel's pose and of
 /// the tool's motion are smaller.
 const BEYOND_MM: f64 = 1.5;
-/// Largest distance between the sampled points of the way between two waypoints, mm; a place lies at most half of
-/// this farther from a point than from the way.
+/// Largest distance between the sampled points of the line between two waypoints, mm; a place is farther from a
+/// sampled point than from the line by at most half of this.
 const STEP_MM: f64 = 0.5;
 
-/// Returns the taught pixels that the disc may touch on a plan's way, for any executed part. A pixel of the panel
-/// without a scanned point counts as touched if any pixel does.
+/// Returns the taught pixels that the disc may touch on a plan's path, whichever part is executed. A pixel of the
+/// panel without a scanned point counts as touched if the plan touches the panel at all.
 pub fn taught_pixels(plan: &Plan, panel: &TaughtPanel, settings: &recipe::Path) -> Mask {
     let all: Vec<_> = plan.paths.iter().flat_map(|path| &path.waypoints).collect();
     let mut way: Vec<[f64; 3]> = Vec::new();
@@ -59,7 +59,7 @@ fn near(points: &[[f64; 3]], reach_mm: f64, panel: &TaughtPanel) -> Mask {
     if points.is_empty() {
         return near;
     }
-    // If the points cannot be searched, all of the panel may be near them.
+    // If the search fails, any point of the panel may be near.
     let Ok(tree) = ImmutableKdTree::<f64, 3>::new_from_slice(points) else { return panel.mask.clone() };
     near.inside.par_iter_mut().enumerate().filter(|(index, _)| panel.mask.inside[*index]).for_each(
         |(index, near)| {
@@ -73,8 +73,8 @@ fn near(points: &[[f64; 3]], reach_mm: f64, panel: &TaughtPanel) -> Mask {
     near
 }
 
-/// Returns for each planned grid the first waypoint on the way to which the disc reaches the grid, counted from the
-/// plan's first, which is 0. A grid that the path does not reach is left out.
+/// Returns for each planned grid the first waypoint of the motion in which the disc reaches the grid; the plan's first
+/// waypoint has the number 0. A grid that the path does not reach is left out.
 pub fn first_reached(
     plan: &Plan,
     surface: &BSplineSurface,
@@ -85,7 +85,7 @@ pub fn first_reached(
     let place = |index: usize| all[index].panel_from_tool.origin();
     let near_mm = radius_mm + MARGIN_MM;
     let reaches = |index: usize, points: &[Point<Panel>]| {
-        // From the air, the tool comes down only on this waypoint.
+        // If the tool comes from the air, it touches the panel only at this waypoint.
         let from = if index > 0 && all[index - 1].contact { place(index - 1) } else { place(index) };
         all[index].contact && points.iter().any(|point| distance_mm(*point, from, place(index)) <= near_mm)
     };

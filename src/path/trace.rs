@@ -1,8 +1,8 @@
-//! Where the tool was while it was in contact, as the robot reported it.
+//! The path of the tool while it was in contact, as the robot reported it.
 //!
-//! The robot reports its pose about every 100 ms, together with the waypoints that it has executed. If the reports
-//! are so rare that waypoints lie between two of them, these waypoints replace the missing reports: the robot
-//! reported that it was there. The distance of the reports from the planned lines is kept too.
+//! The robot reports its pose about every 100 ms, together with the waypoints that it has executed. If the reports are
+//! so rare that waypoints lie between two of them, these waypoints replace the missing reports, since the robot
+//! reported that it had executed them. The distance of the reports from the planned lines is recorded, too.
 
 use super::dwell::Executed;
 use super::planned::Waypoint;
@@ -15,7 +15,7 @@ pub struct PoseReport {
     pub time_ms: u32,
     /// The tool's pose in the panel's frame, which is the base set in the controller.
     pub tip: KukaPose,
-    /// Waypoints executed, without the first of the plan: the arm was there already.
+    /// Number of executed waypoints, without the first of the plan, at which the arm already was.
     pub done: u32,
     /// The contact force that a compliant tool measured at that time, N.
     pub force_n: Option<f64>,
@@ -34,7 +34,7 @@ pub struct ExecutedPath {
     pub reports: usize,
     /// Largest distance of a report from the nearby planned lines, mm.
     pub off_mm: f64,
-    /// Length of the way in contact, mm.
+    /// Length of the path in contact, mm.
     pub contact_mm: f64,
 }
 
@@ -51,7 +51,7 @@ impl Trace {
         }
     }
 
-    /// Returns the executed path; in the end, `done` of all waypoints were executed.
+    /// Returns the executed path; at its end, `done` of all waypoints were executed.
     pub fn executed(&self, all: &[Waypoint], done: u32) -> ExecutedPath {
         let mut walked = ExecutedPath { reports: self.0.len(), ..ExecutedPath::default() };
         // The arm starts at the first waypoint.
@@ -62,8 +62,8 @@ impl Trace {
             let reached = (told.done as usize).min(all.len().saturating_sub(1));
             let missed = reached.saturating_sub(passed);
             let mut places: Vec<(Rigid<Panel, Tool>, bool)> = Vec::new();
-            // With one or two corners between two reports, the cut-off part is smaller than the disc's own
-            // rounding.
+            // With one or two corners between two reports, the cut-off part is smaller than the rounding of the
+            // corners.
             if missed > MAX_MISSED || !is_report {
                 let stand_in =
                     |index: usize| (all[index].panel_from_tool, all[index].contact && all[index - 1].contact);
@@ -100,8 +100,8 @@ fn towards(all: &[Waypoint], done: u32) -> usize {
     (done as usize + 1).min(all.len().saturating_sub(1)).max(1)
 }
 
-/// Returns the distance of a point from the planned lines around the line that the arm is on once this many
-/// waypoints are executed, mm; infinite if no line is planned.
+/// Returns the distance of a point from the planned lines near the line on which the arm is after this number of
+/// executed waypoints, mm; infinite if no line is planned.
 pub fn off_path_mm(all: &[Waypoint], done: u32, point: Point<Panel>) -> f64 {
     let towards = towards(all, done);
     let place = |index: usize| all[index].panel_from_tool.origin();
@@ -167,7 +167,7 @@ mod tests {
             (55.0, 0.2, true),
         ];
         assert_eq!(ways(&trace.executed(&all, 5)), expected);
-        // The rest is reported with the path's end; the way up is not contact.
+        // The remaining waypoints are reported with the path's end; the retraction is not contact.
         let whole = trace.executed(&all, 7);
         assert_eq!(ways(&whole)[6..], [(60.0, 0.0, true), (70.0, 0.0, false)]);
         assert_eq!(Trace::default().executed(&all, 0), ExecutedPath::default(), "nothing moved");

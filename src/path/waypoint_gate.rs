@@ -1,10 +1,10 @@
-//! The one gate before every motion: the whole path is good, or no part is sent.
+//! The one gate before every motion: the whole path is accepted, or no part is sent.
 //!
 //! Checks the tool's tip in the robot's base, with the base and tool that the controller will use: every number
-//! finite, every point inside the cell's box, the first point near the arm's place, no large step and no large turn
-//! between neighbours. Near the panel it also checks for a large tilt against the direction in which the tool was
-//! taught (a wrong base causes one). Rejects and never clips. Does not know the arm: reach is checked in the
-//! modules that have its kinematics.
+//! finite, every point inside the cell's box, the first point near the arm's current pose, no large step and no large
+//! rotation between neighbours. Near the panel it also checks for a large tilt against the tool's direction at
+//! teaching (a wrong base causes such a tilt). The gate rejects and never clips. It does not know the arm: reach is
+//! checked in the modules that have its kinematics.
 
 use crate::cell::{Limits, Workspace};
 use crate::geometry::{Base, Degrees, Joints, Rigid, Tool, Vector};
@@ -18,7 +18,7 @@ pub struct WaypointLimits {
     pub workspace: Option<Workspace>,
     /// Longest step, mm.
     pub max_step_mm: f64,
-    /// Largest turn in one step.
+    /// Largest rotation in one step.
     pub max_turn: Degrees,
     /// Largest angle between the tool's axis and the taught axis.
     pub max_tilt: Degrees,
@@ -42,7 +42,7 @@ pub struct Route<'a> {
     pub from: Rigid<Base, Tool>,
     /// The poses to move to.
     pub waypoints: &'a [Rigid<Base, Tool>],
-    /// The direction of the tool's Z on the panel at its nominal place; `None` away from the panel.
+    /// The direction of the tool's Z on the panel at its nominal pose; `None` away from the panel.
     pub taught_axis: Option<Vector<Base>>,
 }
 
@@ -51,7 +51,7 @@ pub fn judge_route(route: &Route<'_>, limits: &WaypointLimits) -> Judgement {
     Judgement::of_checks(&broken_by_route(route, limits))
 }
 
-/// Returns all violations by a path of lines; empty if the path may be sent.
+/// Returns a failed check for each limit that a path of straight lines violates; empty if the path may be sent.
 pub fn broken_by_route(route: &Route<'_>, limits: &WaypointLimits) -> Vec<Check> {
     let nothing_moves = |what: &str, code: &'static str, words: String| {
         vec![Check::new(what, "", None).broken(true, Severity::Reject, code, || words)]
@@ -95,7 +95,7 @@ pub fn judge_joints(joints: &Joints) -> Judgement {
     Judgement::of_checks(&wrong.map(check))
 }
 
-/// Largest angle of any axis of such an arm.
+/// Largest absolute value of a commanded axis angle.
 const MAX_AXIS_DEG: f64 = 360.0;
 
 fn is_finite(pose: &Rigid<Base, Tool>) -> bool {
@@ -105,7 +105,7 @@ fn is_finite(pose: &Rigid<Base, Tool>) -> bool {
 /// Checks whether a waypoint is outside the box, and how far.
 fn outside(index: usize, pose: &Rigid<Base, Tool>, workspace: Workspace) -> Option<Check> {
     let tip = pose.origin().mm;
-    // Each number, with enough digits to differ from the nearer side of the box.
+    // Each coordinate, with enough digits to distinguish it from the nearer side of the box.
     let beside = |mm: f64, axis: usize| {
         let (low, high) = (workspace.min.mm[axis], workspace.max.mm[axis]);
         let [mm, _] = apart(mm, if (mm - low).abs() < (mm - high).abs() { low } else { high }, 1);
@@ -208,8 +208,8 @@ mod tests {
         assert!(planted(below).contains(&"outside_box".to_owned()));
     }
 
-    /// Calculated by hand: at y = −100.5 mm the tip is 0.5 mm below the box, at x = 502 mm it is 2 mm above the
-    /// box. Each violation names its own key; satisfied limits are not listed.
+    /// Calculated by hand: at y = −100.5 mm the tip is 0.5 mm below the box, at x = 502 mm it is 2 mm above the box.
+    /// Each violation names the key of its limit; satisfied limits are not listed.
     #[test]
     fn a_check_tells_how_far_and_whose_limit() {
         let broken = |bad: Rigid<Base, Tool>| {

@@ -17,7 +17,7 @@ pub struct Drawn {
     pub columns: u32,
     /// Quadrilaterals that are not inspected.
     pub masked_px: Vec<[[f64; 2]; 4]>,
-    /// The panel's outline, corner by corner; none if the scan shows it.
+    /// The panel's outline, corner by corner; empty if the scan shows the outline.
     pub outline_px: Vec<[f64; 2]>,
     /// The held places of the panel: quadrilaterals.
     pub held_px: Vec<[[f64; 2]; 4]>,
@@ -67,8 +67,8 @@ fn put_where_any(document: &mut DocumentMut, table: &'static str, key: &str, lis
     Ok(())
 }
 
-/// Rewrites `panel = "name"` as `panel.name = "name"`, so that it accepts more keys. Text before it, including
-/// comments, stays before it.
+/// Rewrites `panel = "name"` as `panel.name = "name"`, so that the table accepts more keys. Text before the key,
+/// including comments, stays before it.
 fn lengthen(document: &mut DocumentMut, key: &'static str) {
     let Some((written, item)) = document.as_table_mut().get_key_value_mut(key) else { return };
     let Some(name) = item.as_value().filter(|value| value.is_str()).cloned() else { return };

@@ -2,7 +2,7 @@
 //! values.
 //!
 //! Each table is declared in `tables`, key by key with range, default and meaning; this file joins the tables and
-//! checks rules that concern several keys. See `config/` for the reading of the file.
+//! checks rules that concern several keys. `config/` reads the file.
 
 mod edit;
 mod tables;
@@ -72,7 +72,7 @@ impl Recipe {
         })
     }
 
-    /// The panel's name, under which the store keeps the taught data.
+    /// The panel's name, under which the store has the taught data.
     pub fn panel(&self) -> &str {
         self.panel.name_text()
     }

@@ -1,16 +1,18 @@
-//! A cycle's verdict: the end that its table gave, compared with the findings of its phases.
+//! A cycle's verdict: the verdict with which its state table ended, compared with the findings of its phases.
 //!
 //! The verdict is never better than the worst finding that counts, and names the reasons of all that count. These
 //! count:
 //!
 //! - `reject` and `invalid` count always.
-//! - `review` counts until a person decides: by an accept after it, or by an unhold after which the cycle measures
-//!   again or continues. A trouble of the cell (camera, link, feedback, tool) is kept as such a review.
-//! - `fail` counts until the panel was abraded and a later film judged it: that is the way to `pass`. It is the
-//!   reason for the abrasion, and a reason of the verdict only if that is `fail`.
+//! - `review` counts until a person decides: by an accept after the finding, or by an unhold after which the cycle
+//!   measures
+//!   again or continues. A fault of the cell (camera, link, feedback, tool) is stored as such a review.
+//! - `fail` counts until the panel was abraded and a later film judged it, as in a cycle that ends with `pass`. It is
+//!   the
+//!   reason for the abrasion, and a reason for the verdict only if the verdict is `fail`.
 //!
-//! A request states the number of findings on which it was decided ([`RequestRecord::findings`]), so that the order
-//! is on the record.
+//! A request states the number of findings on which it was decided ([`RequestRecord::findings`]), so that the order is
+//! recorded.
 
 use super::{Answer, CycleId, Finding, Kind, RequestRecord, RequestedAction};
 use crate::cycle::Request;
@@ -31,7 +33,7 @@ pub enum Disposition<'a> {
 }
 
 impl Disposition<'_> {
-    /// States for a page how a finding that is not good was resolved: who decided, and when.
+    /// Describes for a page how a finding that is not good was resolved: the person who decided, and the time.
     pub fn words(self) -> Option<String> {
         let decided = |asked: &RequestRecord| {
             let what = match asked.wanted {
@@ -85,8 +87,8 @@ fn decides(asked: &RequestRecord, index: usize) -> bool {
     wanted && asked.answer == Some(Answer::Done) && is_later
 }
 
-/// Returns the verdict of a cycle that its table ended with this verdict. `because` states why it was ended, if it
-/// was: reasons with a code that no finding has follow after the findings' reasons.
+/// Returns the verdict of a cycle that its state table ended with this verdict. `because` contains the reasons for
+/// ending the cycle, if it was ended: reasons with a code that no finding has are added after the findings' reasons.
 pub fn conclude(ended: Verdict, findings: &[Finding], asked: &[RequestRecord], because: &[Reason]) -> Judgement {
     let counting = || {
         let all = findings.iter().zip(dispositions(findings, asked));
@@ -108,13 +110,13 @@ pub fn conclude(ended: Verdict, findings: &[Finding], asked: &[RequestRecord], b
     Judgement { verdict, reasons }
 }
 
-/// Returns whether the last test of the panel is a film that passed, without a later abrasion.
+/// Returns whether the last film passed and no abrasion followed.
 pub(super) fn is_shown_by_a_film(findings: &[Finding]) -> bool {
     let last = findings.iter().rfind(|finding| matches!(finding.kind, Kind::Inspect | Kind::Abrade));
     last.is_some_and(|last| last.kind == Kind::Inspect && last.judgement.verdict == Verdict::Pass)
 }
 
-/// Lists findings that contradict the verdict `pass` or `accept` of this cycle, in words; none for another verdict.
+/// Lists findings that contradict the verdict `pass` or `accept` of this cycle, in words; none for any other verdict.
 pub(super) fn unearned(
     id: CycleId,
     verdict: Verdict,

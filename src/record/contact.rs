@@ -1,8 +1,9 @@
-//! How far a contact path may have been executed, and which grids it may have touched.
+//! The part of a contact path that may have been executed, and the grids that it may have touched.
 //!
-//! Before a waypoint in contact may be sent, the store keeps the permission: waypoints are permitted in blocks. So
-//! after any end (a crash, a lost link) the robot has executed at least the reported and at most the permitted
-//! waypoints. With the waypoint from which on the disc reaches each grid, this limits the grids that were touched.
+//! Before a waypoint in contact may be sent, its permission is stored: waypoints are permitted in blocks. So after any
+//! end (a crash, a lost link) the robot has executed at least the reported and at most the permitted waypoints.
+//! Together with the waypoint from which on the disc reaches each grid, this limits the grids that can have been
+//! touched.
 
 use super::finding::{CycleId, Finding, Kind};
 use crate::cycle::{Id, Motion, Outcome, Path};
@@ -16,7 +17,7 @@ pub struct MotionRecord {
     pub motion: Motion,
     /// The end of the motion; `None` while it is open.
     pub outcome: Option<Outcome>,
-    /// Waypoints executed, as the robot reported at its end; without meaning if it did not report.
+    /// Number of executed waypoints that the robot reported at the motion's end; without meaning if it did not report.
     pub done: u32,
     /// For a contact path, the treated grids and the progress, as far as they were recorded.
     pub contact: Option<Contact>,
@@ -25,13 +26,13 @@ pub struct MotionRecord {
 /// The data of a contact path: grids, pass and wear; stored with the motion, before its first waypoint.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ContactPath {
-    /// The act that moves; the robot reports its progress by this act.
+    /// The act that moves; the robot reports its progress under this id.
     pub id: Id,
     /// Number of the pass, from 1.
     pub pass: u8,
-    /// The planned grids, each with the first waypoint on the way to which the disc reaches it.
+    /// The planned grids, each with the first waypoint of the motion in which the disc reaches it.
     pub grids: Vec<Reached>,
-    /// Wear of the disc by the whole path, mm²; counted before the path begins.
+    /// Wear of the disc by the whole path, mm²; added before the path begins.
     pub wears_mm2: f64,
 }
 
@@ -40,17 +41,17 @@ pub struct ContactPath {
 pub struct Reached {
     /// The grid.
     pub grid: String,
-    /// The first waypoint on the grid, counted as [`Motion::waypoints`](crate::cycle::Motion::waypoints) counts,
-    /// from 1.
+    /// The number of the first waypoint on the grid, counted as [`Motion::waypoints`](crate::cycle::Motion::waypoints)
+    /// counts, from 1.
     pub first: u32,
 }
 
-/// A contact path, the robot's reports on it and the permission that the robot had.
+/// A contact path, the robot's reports and the permitted waypoints.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Contact {
     /// The path.
     pub path: ContactPath,
-    /// Waypoints executed, as far as the robot reported.
+    /// Number of executed waypoints, as far as the robot reported.
     pub told: u32,
     /// Number of waypoints that were permitted to be sent.
     pub permitted: u32,
@@ -59,7 +60,7 @@ pub struct Contact {
 /// Lower and upper bound of a number of waypoints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Bounds {
-    /// This number was executed.
+    /// The number that was certainly executed.
     pub at_least: u32,
     /// The largest number that can have been executed.
     pub at_most: u32,
@@ -75,13 +76,13 @@ pub struct Touched {
 }
 
 impl MotionRecord {
-    /// Returns whether the robot reported how the motion ended. It did not if the motion is open, or if a person
-    /// cleared it.
+    /// Returns whether the robot reported how the motion ended. It did not report this if the motion is open, or if a
+    /// person cleared the motion.
     pub fn end_is_known(&self) -> bool {
         self.outcome.is_some_and(|outcome| outcome != Outcome::Cleared)
     }
 
-    /// Returns how many waypoints were executed; `None` if nothing was kept that limits it.
+    /// Returns the bounds of the number of executed waypoints; `None` if nothing was stored that limits it.
     pub fn executed(&self) -> Option<Bounds> {
         if self.end_is_known() {
             return Some(Bounds { at_least: self.done, at_most: self.done });
@@ -90,14 +91,14 @@ impl MotionRecord {
         Some(Bounds { at_least: contact.told, at_most: contact.permitted.max(contact.told) })
     }
 
-    /// Returns the grids that were touched, or may have been; `None` if that was not kept. The list is empty for
+    /// Returns the grids that were touched, or may have been; `None` if this was not stored. The list is empty for
     /// other motions.
     pub fn touched(&self) -> Option<Vec<Touched>> {
         if self.motion.path != Path::Contact {
             return Some(Vec::new());
         }
         let (contact, executed) = (self.contact.as_ref()?, self.executed()?);
-        // If the robot reported its end, it may have been on its way to the next waypoint.
+        // If the robot reported the motion's end, the tool may have been on its way to the next waypoint.
         let begun = executed.at_most + u32::from(self.end_is_known());
         let grids = contact.path.grids.iter().filter(|reached| reached.first <= begun);
         let touched =
@@ -109,7 +110,7 @@ impl MotionRecord {
 /// The effect of the tool on a grid in a pass.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Abraded {
-    /// The grid; `None` means any grid: the grids were not kept.
+    /// The grid; `None` means any grid, because the grids were not stored.
     pub grid: Option<String>,
     /// The pass.
     pub pass: u8,
@@ -122,11 +123,11 @@ pub struct Abraded {
 pub enum How {
     /// As planned.
     Whole,
-    /// The grid was abraded in part, by the poses that the robot reported.
+    /// The grid was abraded in part, according to the poses that the robot reported.
     InPart,
-    /// It was touched; the touched part is not known.
+    /// The grid was touched; the touched part is not known.
     Touched,
-    /// It may have been touched: this is not known.
+    /// The grid may have been touched.
     Perhaps,
 }
 
@@ -137,7 +138,7 @@ impl How {
     }
 }
 
-/// The place of the tool, certain or possible, in an earlier cycle of the same panel.
+/// A certain or possible contact of the tool with a grid in an earlier cycle of the same panel.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct EarlierPass {
     /// The cycle.
@@ -150,8 +151,8 @@ pub struct EarlierPass {
     pub is_sure: bool,
 }
 
-/// Returns what the tool touched, or may have touched: by the findings, and without a finding by the permission of
-/// each motion.
+/// Returns what the tool touched, or may have touched: according to the findings, and without a finding according to
+/// the permitted waypoints of each motion.
 pub fn abraded(findings: &[Finding], motions: &[MotionRecord]) -> Vec<Abraded> {
     let mut all = Vec::new();
     let passes = findings.iter().filter(|finding| finding.kind == Kind::Abrade);
@@ -164,7 +165,7 @@ pub fn abraded(findings: &[Finding], motions: &[MotionRecord]) -> Vec<Abraded> {
             }));
         }
     }
-    // A finding is kept just before the end of its motion, and only if the robot reported that end.
+    // A finding is stored just before the end of its motion, and only if the robot reported that end.
     let mut findings = passes;
     for record in motions.iter().filter(|record| record.motion.path == Path::Contact) {
         let found = if record.end_is_known() { findings.next() } else { None };
@@ -182,7 +183,8 @@ pub fn abraded(findings: &[Finding], motions: &[MotionRecord]) -> Vec<Abraded> {
         all.extend(untold.map(|Touched { grid, is_sure }| Abraded {
             grid: Some(grid),
             pass,
-            // A grid that the finding does not name was not reached, except possibly by the waypoint under way.
+            // A grid that the finding does not name was not reached, except possibly during the motion to the next
+            // waypoint.
             how: if is_sure && found.is_none() { How::Touched } else { How::Perhaps },
         }));
     }

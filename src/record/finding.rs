@@ -45,7 +45,7 @@ impl Kind {
     }
 }
 
-/// Names of numbers that the program finds again by name.
+/// Names of numbers that the program looks up by name.
 pub mod name {
     /// Largest distance of today's panel from the taught panel.
     pub const DEVIATION: &str = "deviation from the taught panel, largest";
@@ -79,11 +79,11 @@ pub mod name {
     pub const FORCE_MAX: &str = "force in contact, most";
     /// Number of corners seen so far.
     pub const CORNERS: &str = "corners seen";
-    /// Wear of the disc in use after the largest grid.
+    /// Wear of the disc in use after treating the largest grid.
     pub const WORN_BY_A_GRID: &str = "worn of the disc after the largest grid";
-    /// Grids that were begun and not covered as planned.
+    /// Grids that were begun but not covered as planned.
     pub const BEGUN: &str = "grids that were not covered as planned";
-    /// Number of moves of the corner loop.
+    /// Number of moves of the corner correction.
     pub const MOVES: &str = "moves after the first picture";
     /// Localization: residual along the surface's normals, about the smooth deviation, rms, mm.
     pub const RESIDUAL: &str = "residual, point to plane, rms";
@@ -95,18 +95,18 @@ pub mod name {
     pub const LOCATION_ERROR: &str = "error at the worst place, 95 %";
     /// Change of the panel by the film, grey levels.
     pub const FILM_CHANGE: &str = "change of the panel by the film";
-    /// Lowest light of a film relative to the dry picture, %.
+    /// Smallest light of a film relative to the dry picture, %.
     pub const LIGHT_MIN: &str = "change of the light, least";
-    /// Highest light of a film relative to the dry picture, %.
+    /// Largest light of a film relative to the dry picture, %.
     pub const LIGHT_MAX: &str = "change of the light, most";
 
-    /// The smallest area of broken film that is surely found at the panel's place, mm².
+    /// The smallest area of broken film that is surely found at the panel's pose, mm².
     pub const SMALLEST_BREAK: &str = "smallest break that is surely found";
-    /// Covered share of the worst grid of a plan.
+    /// Covered fraction of the worst grid of a plan.
     pub const COVERAGE: &str = "coverage of the worst of them";
     /// Ratio of the longest to the shortest dwell of a plan, over all grids or in the worst grid.
     pub const DWELL_RATIO: &str = "their ratio, all together or the worst grid's";
-    /// Largest ratio of a grid's time under the disc to the planned time, for an abrasion.
+    /// Largest ratio of a grid's time under the disc to the planned time, in an abrasion.
     pub const LONGER: &str = "time under the disc beside its plan, the worst grid's ratio";
     /// Largest distance of a reported position from the planned path of an abrasion, mm.
     pub const OFF_PATH: &str = "farthest of them from the planned path";
@@ -145,7 +145,7 @@ pub struct Picture {
 pub struct Finding {
     /// Which phase.
     pub kind: Kind,
-    /// Number of abrasions planned by then: 0 before the first.
+    /// Number of abrasions planned before the finding: 0 before the first.
     pub pass: u8,
     /// The gate's word.
     pub judgement: Judgement,

@@ -1,5 +1,5 @@
-//! The part that a cycle is about, as it was named when the cycle was started. This module checks no name: the
-//! module that accepts a name checks it.
+//! The part in the cell in a cycle, as it was named when the cycle was started. This module checks no name: the module
+//! that accepts a name checks it.
 
 use serde::{Deserialize, Serialize};
 
@@ -22,7 +22,7 @@ impl PartNames {
     /// Name of the stored file with these names, among a cycle's [`files`](super::CycleRecord::files).
     pub const FILE: &'static str = "part";
 
-    /// Reads the names from the kept file; `None` if this program did not write the text.
+    /// Reads the names from the stored file; `None` if this program did not write the text.
     pub fn read(text: &str) -> Option<PartNames> {
         toml::from_str(text).ok()
     }

@@ -23,8 +23,8 @@ pub fn removed(findings: &[Finding]) -> Vec<RemovedByPath> {
 }
 
 /// Returns the upper 95 % bound of the removal anywhere on a part that was abraded in this number of passes of this
-/// cycle, µm, including the removal of earlier cycles. If a pass has no report of its own, its plan counts, since
-/// it may have been executed. `None` if the bound is not known.
+/// cycle, µm, including the removal of earlier cycles. If a pass has no report, its plan counts, since the whole plan
+/// may have been executed. `None` if the bound is not known.
 pub fn removed_bound_um(findings: &[Finding], passes: usize) -> Option<f64> {
     let told = |kind: Kind| -> Vec<f64> {
         let of_kind = findings.iter().filter(move |finding| finding.kind == kind);
@@ -43,7 +43,7 @@ mod tests {
     use super::*;
     use crate::verdict::{Check, Judgement};
 
-    /// A plan has not removed anything, and without the recipe's table the removal of a path is not known.
+    /// A plan has not removed anything, and without `[removal]` in the recipe the removal of a path is not known.
     #[test]
     fn what_each_path_removed() {
         let told = |kind: Kind, numbers: [Option<f64>; 2]| {

@@ -13,11 +13,11 @@ pub struct RequestRecord {
     pub wanted: RequestedAction,
     /// The sender; `None` if it was not recorded.
     pub who: Option<Who>,
-    /// The result; `None` if it was not recorded: the program ended before, or it was an earlier one.
+    /// The result; `None` if it was not recorded: the program ended before, or an earlier version wrote the record.
     pub answer: Option<Answer>,
-    /// Why it was not done; if it was done, remarks on it.
+    /// Why the request was not carried out; if it was carried out, remarks.
     pub reasons: Vec<Reason>,
-    /// Number of findings of the cycle that were kept at the time of the request: the basis of the decision. `None`
+    /// Number of findings of the cycle that were stored at the time of the request: the basis of the decision. `None`
     /// if it was not recorded.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub findings: Option<u64>,
@@ -31,7 +31,7 @@ pub enum RequestedAction {
     For(Request),
     /// A request to record that a new disc was mounted.
     NewDisc,
-    /// A cycle by this recipe, which was refused before it came to the table.
+    /// A cycle with this recipe, which was refused before the state table decided.
     Start {
         /// The recipe's file as named in the request.
         recipe: String,
@@ -43,13 +43,13 @@ pub enum RequestedAction {
 pub struct Who {
     /// By which way.
     pub front: RequestSource,
-    /// The number of the user of the operating system; `None` if it is not known.
+    /// The number of the operating system's user; `None` if it is not known.
     pub uid: Option<u32>,
     /// The user's name; `None` if the system has no name for the number.
     pub user: Option<String>,
 }
 
-/// The way by which a request came.
+/// The path by which a request arrived.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RequestSource {
@@ -84,7 +84,7 @@ pub enum Answer {
 }
 
 impl Who {
-    /// Returns a sender by this way of whom nothing else is known.
+    /// Returns a sender of which only this source is known.
     pub fn by(front: RequestSource) -> Self {
         Who { front, uid: None, user: None }
     }

@@ -1,11 +1,11 @@
 //! Measured depths on test coupons, and the model's exposure for each.
 //!
-//! A coupon is flat and is treated with straight lines. One line over its middle, measured there, has been under
-//! the disc for the disc's chord: per pass and per k
+//! A coupon is flat and is treated with straight lines. A coupon with one line over its middle, measured there, has
+//! been under the disc over the length of the disc's chord. For one pass and k = 1 mm²/N, the depth is
 //!     X = F / (π R²) · c · v(f)/f,   c = 2 R · (2/π) E((e/R)²),
-//! e being the radius of the orbit, which carries the rim with it. In a field of rows that are s apart, measured in
-//! its middle as the mean over a row's width, every mm² has had the same load: X = F · v(f)/f / s. Then h = k X,
-//! and ln h − ln X = ln k₀ − b w.
+//! with the radius e of the orbit, which also moves the rim. In a field of rows with the distance s, measured in its
+//! middle as the mean over a row's width, every mm² has had the same load: X = F · v(f)/f / s. Then h = k X, and ln h
+//! − ln X = ln k₀ − b w.
 
 use super::pad::Pad;
 use super::speed::{Orbit, elliptic_e};
@@ -53,7 +53,7 @@ pub struct CouponTool {
 }
 
 impl Coupon {
-    /// Calculates X: the depth in mm for a k of 1 mm²/N.
+    /// Calculates X: the depth in mm for k = 1 mm²/N.
     pub fn exposure_n_mm(&self, tool: &CouponTool) -> f64 {
         let (radius_mm, area_mm2) = (tool.pad.radius_mm, tool.pad.area_mm2());
         let per_pass = match self.lines {

@@ -1,9 +1,9 @@
 //! Least squares with bounds over a sparse matrix, one unknown after the other.
 //!
 //! Minimises   Σᵢ (Σⱼ aᵢⱼ xⱼ − yᵢ)² + μ Σⱼ hⱼ (xⱼ − ½ (xⱼ₋₁ + xⱼ₊₁))²,   low ≤ x ≤ high,
-//! with hⱼ = Σᵢ aᵢⱼ². Each step sets one x to the minimum along it, clipped to its bounds: the sum never grows, and
-//! reaches its minimum because it is convex. The second part keeps neighbours alike if the first does not determine
-//! them. Source: Tseng, J. Optim. Theory Appl. 109, 2001.
+//! with hⱼ = Σᵢ aᵢⱼ². Each step sets one x to the minimum along its axis, clipped to its bounds: the sum never
+//! increases, and reaches its minimum because it is convex. The second term keeps neighbours similar if the first term
+//! does not determine them. Source: Tseng, J. Optim. Theory Appl. 109, 2001.
 
 /// A sparse matrix, stored by columns.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -60,7 +60,7 @@ pub struct Sought<'a> {
     pub rounds: usize,
 }
 
-/// Finds the x that solves the problem best, from a start within the bounds.
+/// Returns the x that minimises the sum, beginning with a start within the bounds.
 pub fn descend(columns: &Columns, mut x: Vec<f64>, sought: &Sought<'_>) -> Vec<f64> {
     let count = columns.count().min(x.len()).min(sought.bounds.len());
     let mut over = columns.times(&x, sought.wanted.len());

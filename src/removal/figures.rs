@@ -3,10 +3,10 @@
 use super::map::{GridRemoval, RemovalMap};
 use crate::surface::ByArea;
 
-/// Shares of the treated area at which depths are read.
+/// Fractions of the treated area for which depths are returned.
 const SHARES: [f64; 2] = [0.05, 0.95];
 
-/// The figures of a map. Only treated grids count, except for the deepest places, which may lie beside these grids.
+/// The figures of a map. Only treated grids count, except for the largest depths, which may lie beside these grids.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Figures {
     /// Mean expected depth, µm.
@@ -21,7 +21,7 @@ pub struct Figures {
     pub largest_bound_um: f64,
     /// Largest deviation from the target for 95 % of the treated area, percent of the target.
     pub within_percent: f64,
-    /// The half-width of the 95 % interval in the mean, percent.
+    /// The half-width of the 95 % interval of the mean, percent.
     pub uncertainty_percent: f64,
 }
 
@@ -58,7 +58,7 @@ impl Figures {
         })
     }
 
-    /// Returns the share of the treated area that lies within this percentage of the target, 0…1.
+    /// Returns the fraction of the treated area that lies within this percentage of the target, 0…1.
     pub fn share_within(map: &RemovalMap, target_um: f64, percent: f64) -> f64 {
         let treated = map.grids.iter().filter(|grid| grid.is_treated).flat_map(places);
         let (held, all) = treated.fold((0.0, 0.0), |(held, all), (depth_um, _, area)| {
@@ -100,7 +100,7 @@ mod tests {
     }
 
     /// Calculated by hand: 100 places of 1 to 100 µm, and a neighbouring place of 120 µm. 95 % lie within 47 of a
-    /// target of 50 µm, which are 94 %. A tenth more or less contains 45 to 55, eleven places. e^(2 · 0.05) = 1.105
+    /// target of 50 µm, which is 94 %. The range of ± a tenth contains 45 to 55, eleven places. e^(2 · 0.05) = 1.105
     /// 17.
     #[test]
     fn what_a_map_comes_to() {

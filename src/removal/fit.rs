@@ -25,13 +25,14 @@ pub struct LeftOut {
     pub foretold_um: f64,
     /// Lowest and highest depth predicted from the other coupons, 95 %, µm.
     pub interval_um: [f64; 2],
-    /// Deviation of the measured from the predicted depth, as a share of the latter: 0.1 is a tenth deeper.
+    /// Deviation of the measured from the predicted depth, as a fraction of the predicted depth: 0.1 is a tenth
+    /// deeper.
     pub off: f64,
-    /// Whether it is farther off than one of this number of coupons may be.
+    /// Whether the deviation is larger than expected for any one of this number of coupons.
     pub is_outlier: bool,
 }
 
-/// The result of the coupons.
+/// The result of the fit to the coupons.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fitted {
     /// k₀, mm²/N.
@@ -46,7 +47,7 @@ pub struct Fitted {
     pub discs: Option<Discs>,
     /// Measured depth divided by modelled depth, minus 1, for each coupon.
     pub residuals: Vec<f64>,
-    /// Each coupon predicted from the others; none if the others determine no model.
+    /// Each coupon predicted from the others; `None` if the others do not determine a model.
     pub left_out: Vec<Option<LeftOut>>,
     /// The exponent of X in the growth of the depth.
     pub power: Power,
@@ -72,7 +73,7 @@ impl Fitted {
         self.discs.map_or(of_coupons, |discs| discs.redundancy.min(of_coupons))
     }
 
-    /// Returns the 95 % uncertainty of k at this swept area of the disc, mm², as a share of k.
+    /// Returns the relative 95 % uncertainty of k at this swept area of the disc, mm².
     pub fn preston_share_95(&self, worn_mm2: f64) -> f64 {
         let cov = &self.covariance;
         let variance = cov[(0, 0)] - 2.0 * worn_mm2 * cov[(0, 1)] + worn_mm2 * worn_mm2 * cov[(1, 1)];
@@ -84,7 +85,7 @@ impl Fitted {
         student_95(self.redundancy()) * self.covariance[(1, 1)].sqrt()
     }
 
-    /// Returns the rms deviation of the coupons from their predictions by the others, as a share.
+    /// Returns the relative rms deviation of the coupons from their predictions by the others.
     pub fn left_out_rms(&self) -> f64 {
         let off: Vec<f64> = self.left_out.iter().flatten().map(|one| one.off).collect();
         (off.iter().map(|off| off * off).sum::<f64>() / off.len().max(1) as f64).sqrt()
@@ -94,7 +95,7 @@ impl Fitted {
 /// Returns the model that fits the coupons best.
 ///
 /// # Errors
-/// If they cannot determine one.
+/// If the coupons do not determine a model.
 pub fn fit(coupons: &[Coupon], tool: &CouponTool) -> Result<Fitted, FitError> {
     refuse(coupons, tool)?;
     let exposure: Vec<f64> = coupons.iter().map(|coupon| coupon.exposure_n_mm(tool).ln()).collect();
@@ -103,7 +104,7 @@ pub fn fit(coupons: &[Coupon], tool: &CouponTool) -> Result<Fitted, FitError> {
     let y = DVector::from_iterator(coupons.len(), depth.iter().zip(&exposure).map(|(depth, load)| depth - load));
     let worn = |index: usize| coupons[index].worn_mm2 / MM2_PER_M2;
     let rows = DMatrix::from_fn(coupons.len(), 2, |row, column| if column == 0 { 1.0 } else { -worn(row) });
-    // Different wears were required: the matrix is regular.
+    // Sufficiently different wear values were required, so the matrix is regular.
     let one_wear = || FitError::OneWear { least_m2: worn(0), most_m2: worn(0) };
     let found = line(&rows, &y).ok_or_else(one_wear)?;
     contradictory(coupons, &(&y - &rows * &found.solution), &found)?;
@@ -266,7 +267,7 @@ pub(super) mod tests {
         assert!((found.preston_share_95(0.0) - 2.776 * e / 3.0_f64.sqrt()).abs() < 1e-4);
     }
 
-    /// The fourth is a half deeper than the others predict, all of which agree within a few percent.
+    /// The fourth coupon is deeper by a half than the others predict, all of which agree within a few percent.
     #[test]
     fn an_outlier_is_named() {
         let mut off = [0.02, -0.01, 0.0, 0.01, -0.02, 0.015, 0.0, -0.015, 0.01, 0.0, -0.01, 0.005];
@@ -314,7 +315,7 @@ pub(super) mod tests {
         for own in &mut made {
             own.depth_um = own.depth_um.sqrt();
         }
-        // The square root also halves the wear coefficient.
+        // The square root also halves the fitted wear coefficient.
         let found = fit(&made, &TOOL).expect("a model");
         assert!((found.power.value - 0.5).abs() < 1e-6, "{:?}", found.power);
     }

@@ -1,10 +1,10 @@
-//! The conditions under which coupons determine a model, and the reasons why some do not.
+//! The conditions under which coupons determine a model, and the reasons why a set of coupons does not.
 
 use crate::number_text::{apart, fixed};
 
 /// Smallest number of coupons: two for the two numbers, and four more to show how well they are known.
 pub const MIN_COUPONS: usize = 6;
-/// The largest exposure must be at least this many times the smallest, to show that depth follows it.
+/// The largest exposure must be at least this many times the smallest, to show that the depth follows the exposure.
 pub(super) const LEVELS: f64 = 1.3;
 /// The areas that the discs had swept must differ by this much, mm², to show the wear: a fiftieth of a square
 /// metre.

@@ -7,10 +7,10 @@ use super::power::Power;
 use crate::number_text::{apart, fixed};
 use crate::verdict::{Check, SetBy};
 
-/// Above the first bound a person must review; above the second bound the model is rejected.
+/// Two bounds: above the first a person must review, above the second the model is rejected.
 type Bounds = [f64; 2];
 
-/// 95 % uncertainty of k at the least certain of the areas that the coupons' discs had swept, percent.
+/// 95 % uncertainty of k, at that of the swept areas of the coupons' discs at which k is least certain, percent.
 const KNOWN_PERCENT: Bounds = [12.0, 40.0];
 /// Scatter σ of a coupon, percent.
 const COUPON_PERCENT: Bounds = [10.0, 30.0];
@@ -20,7 +20,7 @@ const LEFT_OUT_PERCENT: Bounds = [12.0, 40.0];
 const DISC_PERCENT: Bounds = [10.0, 30.0];
 /// Smallest number of discs that shows their scatter.
 const MIN_DISCS: usize = 3;
-/// Smallest number of coupons that needs no review.
+/// Smallest number of coupons with which no review is needed.
 const MIN_MEASURED_PLACES: f64 = 8.0;
 
 /// Returns the checks of all numbers that are judged.
@@ -72,7 +72,7 @@ pub fn checks(found: &Fitted, coupons: &[Coupon]) -> Vec<Check> {
     ]
 }
 
-/// Creates the check of a number that a person must review above one bound, and that rejects above another.
+/// Creates the check of a number with two bounds: above the first a person must review, above the second it rejects.
 fn bounded(
     code: &'static str,
     (name, percent): (&'static str, f64),

@@ -1,8 +1,9 @@
-//! Finds where a disc has panel below it: inside the outline, by rows of the taught picture's pixels.
+//! Determines at which places a disc has panel below it: inside of the outline, by rows of the taught picture's
+//! pixels.
 //!
-//! Inside the region there is panel, except in its holes, which the fit gives. Beside the region the outline
-//! decides: for each row of pixels the places at which it crosses the row are kept in order, so that a check does
-//! not walk along the outline.
+//! Inside the region there is panel, except in its holes, which the fit gives. Beside the region the outline decides:
+//! for each row of pixels the places at which it crosses the row are stored in order, so that a check need not examine
+//! the whole outline.
 
 use crate::geometry::Pixel;
 use crate::panel::Region;
@@ -40,7 +41,7 @@ impl PanelGround {
         PanelGround { region: region.clone(), top, crossings }
     }
 
-    /// Returns whether there is panel at this place, holes not considered.
+    /// Returns whether there is panel at this place, without regard to holes.
     pub fn holds(&self, at: Parameter) -> bool {
         let in_region = (0.0..=1.0).contains(&at.u) && (0.0..=1.0).contains(&at.v);
         if in_region || self.crossings.is_empty() {

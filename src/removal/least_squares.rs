@@ -1,4 +1,4 @@
-//! A linear model by least squares, with the values needed for its covariance.
+//! A linear model fitted by least squares, with the values needed for its covariance.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -12,7 +12,7 @@ pub(super) struct Line {
     pub deviation: f64,
 }
 
-/// Returns the x that minimises |A x − y|², A's rows being these; `None` if they do not determine x.
+/// Returns the x that minimises |A x − y|², with these rows of A; `None` if they do not determine x.
 pub(super) fn line(rows: &DMatrix<f64>, y: &DVector<f64>) -> Option<Line> {
     let inverse = (rows.transpose() * rows).try_inverse()?;
     let solution = &inverse * rows.transpose() * y;

@@ -1,9 +1,9 @@
 //! The removal by a path on the grids of a region, place by place, with its uncertainty.
 //!
-//! Each stretch adds k(w) · p · (way rubbed) to the places on which it presses. The relative uncertainty of a place
-//! is the disc's uncertainty at the mean of w weighted by depth, the wear that did most of the work. The removals
-//! of several paths over one part add up. Their errors come from the same coupons and count as one, so σ is the
-//! mean of the paths' σ, weighted by depth.
+//! Each stretch adds k(w) · p · (rubbed length) to the depth at the places on which it presses. The relative
+//! uncertainty of a place is that of the disc at the mean of w weighted by depth, because this is the wear at which
+//! most was removed. The removals of several paths over one part add up. Their errors come from the same coupons and
+//! are fully correlated, so σ is the mean of the paths' σ, weighted by depth.
 
 use super::model::{Model, UM_PER_MM, Worn};
 use super::samples::Samples;
@@ -97,8 +97,8 @@ impl RemovalMap {
         RemovalMap { grids, quantile_95, sides_mm: [100.0, 100.0] }
     }
 
-    /// Adds the removal of an earlier path over the same part, on the same samples; grids that only one of both has
-    /// are kept as they are.
+    /// Adds the removal of an earlier path over the same part, on the same samples; grids that only one of the maps
+    /// has are not changed.
     #[must_use]
     pub fn and(mut self, earlier: &RemovalMap) -> Self {
         for before in &earlier.grids {
@@ -194,7 +194,7 @@ pub(super) mod tests {
         assert!((f64::from(grid.deviation[5_050]) - (4e-4f64 + 9e-4).sqrt()).abs() < 1e-4);
     }
 
-    /// By hand: after half a square metre, in addition to the way of the path, e^(−0.4) of the removal is left.
+    /// By hand: after half a square metre, and in addition the path itself, e^(−0.4) of the removal is left.
     #[test]
     fn a_worn_disc_removes_less() {
         let ratio = line(500_000.0).grids[0].depth_um[5_050] / line(0.0).grids[0].depth_um[5_050];

@@ -21,7 +21,7 @@ pub const UNKNOWN: &str = "the recipe has [removal], but the cell's file names n
                            calibrate removal` writes";
 /// Micrometres per millimetre.
 pub const UM_PER_MM: f64 = 1_000.0;
-/// Parameters of the fitted line, by which the coupons' redundancy is reduced.
+/// Number of parameters of the fitted line, which is subtracted from the number of coupons to get the redundancy.
 const FITTED: usize = 2;
 /// The stated 95 % error of a force is about two standard deviations.
 const NORMAL_95: f64 = 1.959_963_984_540_054;
@@ -86,12 +86,12 @@ impl From<&RemovalNumbers> for Model {
     }
 }
 
-/// A disc with this swept area, and how well the force on it is known.
+/// A disc with this swept area, and the uncertainty of the force on it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Worn {
     /// Area that the disc has swept, mm².
     pub swept_mm2: f64,
-    /// Possible error of the force as a share, 95 %.
+    /// Relative uncertainty of the force, 95 %.
     pub force_share_95: f64,
 }
 
@@ -119,8 +119,8 @@ impl Model {
         }
     }
 
-    /// Returns the range of forces for which the coupons are valid, N: a depth grows in proportion to the force
-    /// only as far as this was measured. `None` if the coupons' forces are not known.
+    /// Returns the range of forces for which the coupons are valid, N: the depth is known to be proportional to the
+    /// force only in the measured range. `None` if the coupons' forces are not known.
     pub fn holds_for_n(&self) -> Option<[f64; 2]> {
         let [least_n, most_n] = self.forces_n?;
         let is_shown = self.force_power.is_some_and(|power| !power.contradicts_preston());

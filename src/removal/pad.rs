@@ -2,22 +2,22 @@
 //! the panel ends.
 //!
 //!     p = s · max(c, 0),   c = δ + t·x − ½ xᵀ K x,   ∫ p dA = F                                           (4), (5)
-//! F grows with δ, at an increasing rate, so Newton's steps from a δ that is too large descend to the root without
-//! passing it. If the whole disc is on the panel and in contact, the integral has a closed form: the mean of t·x
-//! over a disc is 0, that of ½ xᵀ K x is R² tr K / 8, so δ = F / (π R² s) + R² tr K / 8. It also has a closed form
-//! if K bends away in both directions and the contact is an ellipse wholly inside the disc. With x₀ = K⁻¹ t being
-//! its middle and c₀ = δ + ½ t·x₀ the compression there, the paraboloid above it contains π c₀² / √det K, so c₀² =
-//! F √det K / (π s). Otherwise it is a sum over places of equal area, rings and spokes, which keeps the disc's own
-//! edge exact.
+//! F grows with δ at an increasing rate, so Newton's steps from too large a δ approach the root from above without
+//! passing it. If the whole disc is on the panel and in contact, the integral has a closed form: the mean of t·x over
+//! a disc is 0, that of ½ xᵀ K x is R² tr K / 8, so δ = F / (π R² s) + R² tr K / 8. It also has a closed form if the
+//! surface bends away in both directions and the contact is an ellipse wholly inside the disc. With x₀ = K⁻¹ t being
+//! the ellipse's middle and c₀ = δ + ½ t·x₀ the compression there, the paraboloid above it contains π c₀² / √det K, so
+//! c₀² = F √det K / (π s). Otherwise the integral is a sum over places of equal area on rings and spokes, so that the
+//! disc's own edge is exact.
 //!
-//! Beyond the panel's edge there is nothing to press on: the rest of the disc bears the force, and no place pulls.
-//! The attitude is given (see the head of the parent module).
+//! Beyond the panel's edge the disc presses on nothing: the rest of the disc bears the force, and no place pulls. The
+//! tilt is given (see the parent module).
 
 use nalgebra::{Matrix2, Vector2};
 use std::f64::consts::{PI, TAU};
 use std::sync::LazyLock;
 
-/// Number of rings of equal area, then the number of places on each ring.
+/// Number of rings of equal area; the next constant is the number of places on each ring.
 const RINGS: usize = 28;
 const SPOKES: usize = 44;
 /// Largest number of Newton steps; usually about four are enough.
@@ -34,16 +34,16 @@ pub struct Pad {
     pub stiffness_n_mm3: f64,
 }
 
-/// The position of the surface below the disc, in the tangent plane at the disc's middle.
+/// The shape of the surface below the disc, in the tangent plane at the disc's middle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ContactGeometry {
     /// Additional depth of the disc per mm along x and y.
     pub tilt: Vector2<f64>,
-    /// Curvature of the surface, 1/mm, positive if it bends away.
+    /// Curvature of the surface, 1/mm, positive if the surface bends away from the disc.
     pub curvature_per_mm: Matrix2<f64>,
 }
 
-/// Returns whether there is panel at this offset from the disc's middle, mm.
+/// A function that returns whether there is panel at this offset from the disc's middle, mm.
 pub type SupportMask<'a> = &'a dyn Fn(Vector2<f64>) -> bool;
 
 /// A disc in contact.
@@ -58,7 +58,7 @@ pub struct Contact {
 }
 
 impl ContactGeometry {
-    /// Returns the seat on a level plane.
+    /// Returns the geometry of a plane without tilt.
     pub fn level() -> Self {
         ContactGeometry { tilt: Vector2::zeros(), curvature_per_mm: Matrix2::zeros() }
     }
@@ -75,8 +75,8 @@ impl Pad {
         PI * self.radius_mm * self.radius_mm
     }
 
-    /// Returns the contact that bears this force, N. `below` states where there is panel; without it there is panel
-    /// everywhere. `None` if there is no panel below the disc, or no force.
+    /// Returns the contact at which the pad bears this force, N. `below` states where there is panel; without it there
+    /// is panel everywhere. `None` if there is no panel below the disc, or no force.
     pub fn under(&self, force_n: f64, seat: ContactGeometry, below: Option<SupportMask<'_>>) -> Option<Contact> {
         if !(force_n > 0.0 && force_n.is_finite()) {
             return None;
@@ -105,8 +105,8 @@ impl Pad {
         (reach_mm <= self.radius_mm).then(|| peak_mm - 0.5 * seat.tilt.dot(&middle_mm))
     }
 
-    /// Returns whether the whole disc is in contact at this depth. The largest reductions by tilt and by bend are
-    /// added: a safe bound.
+    /// Returns whether the whole disc is in contact at this depth. The largest reductions by tilt and by curvature are
+    /// added, which gives a safe bound.
     fn is_whole(&self, seat: ContactGeometry, depth_mm: f64) -> bool {
         let (radius_mm, bends) = (self.radius_mm, seat.curvature_per_mm.symmetric_eigenvalues());
         let fall_mm = 0.5 * radius_mm * radius_mm * bends.max().max(0.0);
@@ -125,7 +125,7 @@ impl Pad {
         }
         let each = self.stiffness_n_mm3 * self.area_mm2() / (RINGS * SPOKES) as f64;
         let mean_mm = deeper_mm.iter().sum::<f64>() / deeper_mm.len() as f64;
-        // Start value: the depth if every place were in contact, also with a pulling force. It is never more than
+        // Start value: the depth if every place were in contact, even with a pulling force. This depth never exceeds
         // the solution.
         let mut depth_mm = force_n / (each * deeper_mm.len() as f64) - mean_mm;
         for _ in 0..STEPS {
@@ -199,9 +199,9 @@ mod tests {
         assert_eq!(contact.pressure_n_mm2(Vector2::new(15.1, 0.0)), 0.0);
     }
 
-    /// Calculated by hand: on a ball of 1000 mm, tr K = 0.002/mm, δ is larger by 225 · 0.002 / 8 = 0.056 25 mm, and
-    /// smaller at the rim by 225 · 0.001 / 2 = 0.1125. A ball of 100 mm and 2 N touch in a circle of r⁴ = 4 F R /
-    /// (π s): r = 8.452 mm, δ = r²/2R.
+    /// Calculated by hand: on a sphere with a radius of 1000 mm, tr K = 0.002/mm, δ is larger by 225 · 0.002 / 8 =
+    /// 0.056 25 mm, and smaller at the rim by 225 · 0.001 / 2 = 0.1125. A sphere of 100 mm with 2 N touches in a
+    /// circle of r⁴ = 4 F R / (π s): r = 8.452 mm, δ = r²/2R.
     #[test]
     fn a_ball_is_pressed_in_its_middle() {
         let contact = PAD.under(20.0, bent(0.001, 0.001), None).expect("contact");
@@ -214,9 +214,9 @@ mod tests {
         assert_eq!(small.pressure_n_mm2(Vector2::new(9.0, 0.0)), 0.0, "the rim does not touch");
     }
 
-    /// Calculated by hand: tilted by 0.02 on a curvature of 1/80 by 1/60 mm, 5 N: c₀ = (5 · 0.014 434 / (π ·
-    /// 0.05))^½ = 0.677 8 mm, 1.6 mm aside. The ellipse reaches (2 · 0.677 8 · 80)^½ = 10.41 mm from this point. δ
-    /// = c₀ − ½ · 0.02 · 1.6. The sum gives the same result.
+    /// Calculated by hand: tilted by 0.02 on a curvature of 1/80 by 1/60 mm, 5 N: c₀ = (5 · 0.014 434 / (π · 0.05))^½
+    /// = 0.677 8 mm, 1.6 mm aside. The ellipse reaches (2 · 0.677 8 · 80)^½ = 10.41 mm from its middle. δ = c₀ − ½ ·
+    /// 0.02 · 1.6. The sum over places gives the same result.
     #[test]
     fn an_ellipse_inside_of_the_disc_is_closed() {
         let seat = ContactGeometry { tilt: Vector2::new(0.02, 0.0), ..bent(1.0 / 80.0, 1.0 / 60.0) };
@@ -241,7 +241,7 @@ mod tests {
         );
     }
 
-    /// By hand: tilted by 0.1 the disc touches on one side only. If the whole disc were pressed, c would be 0.566 −
+    /// By hand: tilted by 0.1 the disc touches on one side only. If the whole disc were in contact, c would be 0.566 −
     /// 1.5 at the rim.
     #[test]
     fn a_tilted_disc_lifts_on_one_side_and_never_pulls() {

@@ -1,4 +1,4 @@
-//! Places spread evenly over a grid, and which of them a stretch of path presses on.
+//! Places spread evenly over a grid, and the selection of those on which a stretch of path presses.
 
 use super::track::{Ground, Stretch};
 use crate::geometry::{Panel, Point};
@@ -47,7 +47,8 @@ impl Samples {
         self.points.len()
     }
 
-    /// Calls back for each place with panel that a stretch presses on, with the mean pressure meanwhile, N/mm².
+    /// Calls `tell` for each place with panel on which a stretch presses, with the mean pressure during the stretch,
+    /// N/mm².
     pub fn under(&self, stretch: &Stretch, mut tell: impl FnMut(usize, f64)) {
         let reach_mm = FARTHER * stretch.stroke.reach_mm() + 0.5 * stretch.length_mm;
         let [reach_u, reach_v] = stretch.frame.reach(reach_mm);

@@ -1,16 +1,16 @@
 //! The feed on each move of a path, so that the removal is even over the treated area.
 //!
-//! A move that rubs x mm on each of its millimetres removes k p x from a place, so all places together are h = A x:
-//! linear in x, for every orbit. x falls with the feed (`speed`); the feeds' bounds are bounds of x, and `descent`
-//! finds the x that comes nearest to the target everywhere. Beyond the treated area there is no target: there the
-//! removal tapers off with the disc's radius. The wear of the disc depends on its way alone, so it is known
-//! beforehand.
+//! If a grain rubs x mm for each millimetre of a move, the move removes k p x from a place for each millimetre, so the
+//! depths of all places are h = A x: linear in x, for every orbit. x decreases with the feed (`speed`); the bounds of
+//! the feeds give bounds of x, and `descent` finds the x that comes nearest to the target everywhere. Beyond the
+//! treated area there is no target: there the removal tapers off with the disc's radius. The wear of the disc depends
+//! only on the length of its path, so it is known beforehand.
 //!
-//! The tool's point cannot jump in speed. From one move to the next the square of the feed changes by at most the
-//! acceleration times the length of the slower one's neighbour, so at most half of that move is used for the
-//! change. If that requires a lower feed, it is lowered, and the others are found again.
+//! The speed of the tool centre point cannot jump. From one move to the next the square of the feed changes by at most
+//! the acceleration times the length of the faster move, so that at most half of this move is used for the change. If
+//! this requires a lower feed, the feed is lowered, and the other feeds are calculated again.
 //!
-//! Nothing is cut to fit: the map of the result shows whether it keeps the recipe's limits.
+//! The result is not forced into limits: its map shows whether it keeps the recipe's limits.
 
 use super::descent::{Columns, Sought, descend};
 use super::model::{Model, UM_PER_MM};
@@ -21,18 +21,18 @@ use crate::panel::{GridId, Region};
 use crate::surface::BSplineSurface;
 use rayon::prelude::*;
 
-/// Distance between calculated places, in radii of the disc, and the bounds of this distance, mm.
+/// Distance between calculated places, in radii of the disc; the next constant gives the bounds of this distance, mm.
 const SPACING_RADII: f64 = 0.2;
 const SPACING_MM: [f64; 2] = [1.0, 3.0];
 /// Weight by which neighbouring feeds are kept similar.
 const ALIKE: f64 = 0.02;
-/// Numbers of iterations over all moves, first at the start and then after feeds were lowered for the acceleration.
+/// Numbers of iterations over all moves: at the start, and after feeds were lowered for the acceleration.
 const ROUNDS: [usize; 2] = [40, 12];
 
 /// A move of the path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Move {
-    /// The pose at the end of the move, with the same count as the stretches.
+    /// The index of the pose at the end of the move, counted as for the stretches.
     pub pose: usize,
     /// Its length, mm.
     pub length_mm: f64,
@@ -45,12 +45,12 @@ pub struct Move {
 pub struct RemovalTarget {
     /// Depth, µm.
     pub target_um: f64,
-    /// Acceleration of the tool's point, mm/s².
+    /// Acceleration of the tool centre point, mm/s².
     pub acceleration_mm_s2: f64,
 }
 
-/// Calculates the feed on each move, mm/s, that brings the removal nearest to the target. `stretches` are those of
-/// the path at any feed.
+/// Calculates the feed on each move, mm/s, that brings the removal nearest to the target. `stretches` are the
+/// stretches of the path; their feed does not matter.
 pub fn schedule(
     (surface, region, ground): (&BSplineSurface, &Region, Ground<'_>),
     treated: &[GridId],
@@ -71,7 +71,7 @@ pub fn schedule(
     // From the highest feeds: the first rounds then add removal at the places that need it.
     let free = descend(&columns, lowest.clone(), &sought);
     let slowed = slowed(&feeds(&model.orbit, moves, &free), moves, target.acceleration_mm_s2);
-    // Feeds that were lowered for the acceleration stay low; the other feeds compensate.
+    // Feeds that were lowered for the acceleration are not raised again; the other feeds compensate.
     let held: Vec<[f64; 2]> = slowed
         .iter()
         .zip(&free)
@@ -91,8 +91,8 @@ fn feeds(orbit: &Orbit, moves: &[Move], x: &[f64]) -> Vec<f64> {
     moves.iter().zip(x).map(|(own, x)| orbit.feed_mm_s(*x, own.feeds_mm_s)).collect()
 }
 
-/// Calculates the removal of each move at each place, for each mm rubbed per mm of way, as a share of the target;
-/// and the places' areas.
+/// Calculates the removal by each move at each place, for each mm rubbed per mm of the move, relative to the target;
+/// and the areas of the places.
 fn columns(
     samples: &[Samples],
     (stretches, moves): (&[Stretch], &[Move]),
@@ -140,7 +140,7 @@ fn merged(mut column: Vec<(u32, f32)>) -> Vec<(u32, f32)> {
     merged
 }
 
-/// Returns the same feeds, lower if the next or the former one could not be reached.
+/// Returns these feeds, lowered at moves at which the next or the previous feed could not be reached.
 fn slowed(feeds_mm_s: &[f64], moves: &[Move], acceleration_mm_s2: f64) -> Vec<f64> {
     let mut slowed = feeds_mm_s.to_vec();
     let follows = |index: usize| moves[index].pose == moves[index - 1].pose + 1;
@@ -258,7 +258,7 @@ mod tests {
         let found = slowed(&[10.0, 60.0, 60.0, 20.0], &moves, 100.0);
         let expected = [10.0, 26.457_5, 31.622_8, 20.0];
         assert!(found.iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 1e-3), "{found:?}");
-        // After a way through the air, the acceleration limit starts again.
+        // After a motion through the air, the acceleration limit starts again.
         let apart = [own(1), own(5)];
         assert_eq!(slowed(&[10.0, 60.0], &apart, 100.0), [10.0, 60.0]);
     }

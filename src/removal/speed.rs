@@ -12,7 +12,7 @@ const STEPS: usize = 40;
 /// Number of halvings in the search for a feed.
 const HALVINGS: usize = 60;
 
-/// How the disc orbits.
+/// The orbital motion of the disc.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Orbit {
     /// Diameter of the circle on which a grain moves, mm.
@@ -40,8 +40,8 @@ impl Orbit {
         self.grain_mm_s(feed_mm_s) / feed_mm_s
     }
 
-    /// Returns the feed between these, low and high, at which a grain rubs this length on 1 mm; the nearer end if
-    /// there is no such feed.
+    /// Returns the feed between these bounds, low and high, at which a grain rubs this length for 1 mm; the nearer
+    /// bound if there is no such feed.
     pub fn feed_mm_s(&self, rubbed_per_mm: f64, [mut low, mut high]: [f64; 2]) -> f64 {
         for _ in 0..HALVINGS {
             let middle = 0.5 * (low + high);
@@ -83,8 +83,8 @@ mod tests {
         assert!((elliptic_e(0.5) - 1.350_643_881_047_675).abs() < 1e-14, "{}", elliptic_e(0.5));
     }
 
-    /// By hand: π · 5 mm · 10 000 / 60 s = 2617.99 mm/s. Without an orbit a grain moves with the feed, without a
-    /// feed around its orbit. If both speeds are equal, the mean of |1 + e^{iφ}| is 4/π.
+    /// By hand: π · 5 mm · 10 000 / 60 s = 2617.99 mm/s. Without an orbit a grain moves with the feed, and without a
+    /// feed it moves around its orbit. If both speeds are equal, the mean of |1 + e^{iφ}| is 4/π.
     #[test]
     fn the_mean_over_an_orbit() {
         assert!((ORBIT.speed_mm_s() - 2_617.993_878).abs() < 1e-5);

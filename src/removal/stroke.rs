@@ -14,15 +14,15 @@ use std::f64::consts::TAU;
 const PHASES: usize = 8;
 /// A disc that moves less than this is at rest, mm.
 const MIN_STROKE_MM: f64 = 1e-9;
-/// The golden angle as a share of a turn.
+/// The golden angle as a fraction of a full turn.
 const GOLDEN: f64 = 0.381_966_011_250_105_1;
 
-/// A disc that moves along a straight segment and orbits at the same time.
+/// The motion of a disc along a straight segment, with its orbit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stroke {
     /// The contact, in the tangent plane at the stretch's middle.
     pub contact: Contact,
-    // The start of the disc's middle, mm from that place
+    // The position of the disc's middle at the start, in the tangent plane, mm.
     start_mm: Vector2<f64>,
     // The direction opposite to the disc's motion: seen from the disc, a place moves in this direction.
     direction: Vector2<f64>,
@@ -33,8 +33,8 @@ pub struct Stroke {
 }
 
 impl Stroke {
-    /// Creates the `number`th stretch. The disc's middle moves from the first to the second end, mm from the place,
-    /// and runs a circle of this radius, mm, on its orbit.
+    /// Creates the `number`th stretch. The disc's middle moves from the first to the second end, mm in the tangent
+    /// plane, and describes a circle of this radius, mm, on its orbit.
     pub fn new(contact: Contact, ends_mm: [Vector2<f64>; 2], (orbit_radius_mm, number): (f64, usize)) -> Self {
         let orbit_mm = std::array::from_fn(|phase| {
             let turn = phase as f64 / PHASES as f64 + (number as f64 * GOLDEN).fract() / PHASES as f64;
@@ -100,7 +100,7 @@ fn positive_part([c0, c1, c2]: [f64; 3], [a, b]: [f64; 2]) -> f64 {
     let whole = |l: f64| l * (c0 + l * (c1 / 2.0 + l * c2 / 3.0));
     let between = |low: f64, high: f64| if low < high { whole(high) - whole(low) } else { 0.0 };
     let (at_a, at_b) = (value(a), value(b));
-    // A parabola that is bent downwards, or a straight line, is positive in between if it is positive at both ends.
+    // A parabola that is curved downwards, or a straight line, is positive between two points at which it is positive.
     if at_a >= 0.0 && at_b >= 0.0 && c2 <= 0.0 {
         return between(a, b);
     }

@@ -7,7 +7,7 @@ use crate::number_text::plain;
 use csv::{ReaderBuilder, StringRecord, Trim};
 use std::ops::RangeInclusive;
 
-/// A column of numbers: its name, the allowed range, and whether each line needs a value.
+/// A column of numbers: its name, the allowed range, and whether a value is required in each line.
 type Column = (&'static str, RangeInclusive<f64>, bool);
 
 /// Smallest depth that can be measured, µm.
@@ -79,7 +79,7 @@ pub fn read_coupons(bytes: &[u8]) -> Result<Vec<Coupon>, TableError> {
 /// Splits one line into its values.
 fn values(line: &str) -> StringRecord {
     let mut reader = ReaderBuilder::new().has_headers(false).trim(Trim::All).from_reader(line.as_bytes());
-    // From text in memory, every line can be read.
+    // Text in memory can always be read.
     reader.records().next().and_then(Result::ok).unwrap_or_default()
 }
 

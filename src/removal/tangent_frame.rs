@@ -1,15 +1,15 @@
-//! A point of the surface with its tangent plane: axes, normal and curvature, as the disc lies on it.
+//! A point of the surface with its tangent plane: the axes, the normal and the curvature below the disc.
 //!
 //! With E, F, G and L, M, N of the first and second form, x along S_u and y = n × x, the curvature in these axes is
 //!     K₁₁ = L/E,  K₁₂ = (M − F/E · L)/A,  K₂₂ = (N − 2 F/E · M + (F/E)² L)/(A²/E),   A² = E G − F²,
-//! positive if the surface bends away from the tool. Source: do Carmo, Differential Geometry of Curves and
-//! Surfaces, 3.3.
+//! positive if the surface bends away from the tool. Source: do Carmo, Differential Geometry of Curves and Surfaces,
+//! 3.3.
 
 use crate::geometry::{Panel, Point, Rigid, Tool, Vector};
 use crate::surface::{BSplineSurface, Parameter};
 use nalgebra::{Matrix2, Vector2, Vector3};
 
-/// A tool that is tilted by a larger angle against the surface no longer lies on the surface: the cosine of 60°.
+/// If a tool is tilted by a larger angle against the surface, it no longer lies on the surface: the cosine of 60°.
 const MIN_COSINE: f64 = 0.5;
 
 /// A point of the surface with its tangent plane; in the panel's frame, mm.
@@ -38,7 +38,7 @@ impl TangentFrame {
         let [l, m, n] = [there.s_uu, there.s_uv, there.s_vv].map(|second| -second.mm.dot(&normal));
         let (area2, slant) = (e * g - f * f, f / e);
         let x = s_u / e.sqrt();
-        // The direction along S_v itself, for either handedness of u and v.
+        // The axis on the side of S_v, whether u and v are right- or left-handed.
         let y = (s_v - s_u * slant) / (area2 / e).sqrt();
         let across = (m - slant * l) / area2.sqrt();
         let curvature_per_mm =
@@ -48,7 +48,7 @@ impl TangentFrame {
         Some(TangentFrame { at, point: there.tangents.point, x, y, normal, curvature_per_mm, parameter_per_mm })
     }
 
-    /// Returns the position of a point in the tangent plane, mm from its point.
+    /// Returns the coordinates of a point in the tangent plane, mm from the frame's point.
     pub fn offset_mm(&self, point: Point<Panel>) -> Vector2<f64> {
         let away = (point - self.point).mm;
         Vector2::new(away.dot(&self.x), away.dot(&self.y))
@@ -65,8 +65,8 @@ impl TangentFrame {
         [0, 1].map(|row| radius_mm * self.parameter_per_mm.row(row).norm())
     }
 
-    /// Returns how much deeper the disc of a tool reaches per mm along x and y: its tilt; `None` if it does not lie
-    /// on the surface at all. The tool's Z points out of its pad.
+    /// Returns how much deeper the disc of a tool reaches per mm along x and y: its tilt; `None` if the tool does not
+    /// lie on the surface at all. The tool's Z points out of its pad.
     pub fn tilt(&self, panel_from_tool: &Rigid<Panel, Tool>) -> Option<Vector2<f64>> {
         let away = -(*panel_from_tool * Vector::<Tool>::new(Vector3::z())).mm;
         let cosine = away.dot(&self.normal);
@@ -81,7 +81,8 @@ mod tests {
     use crate::surface::KnotVector;
     use proptest::prelude::*;
 
-    /// Makes a surface over Greville abscissae: x = 100 u + lean · 60 v, y = 60 v, and heights of the net.
+    /// Makes a surface with control points at the Greville abscissae: x = 100 u + lean · 60 v, y = 60 v, and these
+    /// heights.
     fn net(lean: f64, heights_mm: &[f64]) -> BSplineSurface {
         let knots = || KnotVector::uniform(3, 3, 0.0..=1.0).expect("open");
         let greville = [0.0, 1.0, 3.0, 6.0, 8.0, 9.0].map(|ninths: f64| ninths / 9.0);
@@ -107,7 +108,7 @@ mod tests {
     }
 
     proptest! {
-        /// The eigenvalues are the principal curvatures for any slant of the parameters, and an offset converts
+        /// The eigenvalues are the principal curvatures for any slant of the parameter lines, and an offset converts
         /// back to the same parameters.
         #[test]
         fn curvature_and_offsets_agree_with_the_surface(

@@ -1,9 +1,10 @@
-//! The stretches of a path in contact: where the disc lies, how it presses, and how far a grain rubs meanwhile.
+//! The stretches of a path in contact: the position of the disc, its pressure, and the length that a grain rubs in
+//! each.
 //!
-//! A path consists of poses with their times, planned or as the robot reported them. Each way between two poses is
-//! cut into stretches of at most half of the disc's radius; on each the contact is that of its middle. A pose that
-//! is meant to be in contact is so if its point is not higher above the surface than `dwell` states. The area that
-//! the disc has swept grows by its diameter on the way, as the store counts it.
+//! A path consists of poses with their times, planned or as the robot reported them. Each line between two poses is
+//! divided into stretches of at most half of the disc's radius; for a whole stretch, the contact at its middle is
+//! used. A pose that is marked as in contact counts as in contact if its tip is not higher above the surface than
+//! `dwell` states. The area that the disc has swept grows by its diameter times the length, as the store counts it.
 
 use super::pad::{ContactGeometry, Pad, SupportMask};
 use super::speed::Orbit;
@@ -17,10 +18,11 @@ use std::f64::consts::TAU;
 
 /// Largest length of a stretch, in radii of the disc.
 const STRETCH_RADII: f64 = 0.5;
-/// Places on the rim, and half-way to it, that show whether the whole disc has panel below it.
+/// Number of directions in which places on the rim, and half-way to the rim, show whether the whole disc has panel
+/// below it.
 const RIM_SAMPLES: usize = 16;
 
-/// Returns whether there is panel at this place of the surface.
+/// A function that returns whether there is panel at this place of the surface.
 pub type Ground<'a> = &'a (dyn Fn(Parameter) -> bool + Sync);
 
 /// The disc of a tool.
@@ -30,7 +32,8 @@ pub struct Disc {
     pub pad: Pad,
     /// Its orbit.
     pub orbit: Orbit,
-    /// Whether the rim moves with the orbit; otherwise the disc is treated as not orbiting, as in simpler models.
+    /// Whether the rim moves on the orbit; otherwise the pressure is calculated without an orbit, as in simpler
+    /// models.
     pub rim_orbits: bool,
     /// Area that the disc has swept before this path, mm².
     pub swept_mm2: f64,
@@ -43,12 +46,12 @@ impl Disc {
     }
 }
 
-/// A short straight way of the disc in contact.
+/// A short straight motion of the disc in contact.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stretch {
     /// The tangent frame of the surface at the stretch's middle.
     pub frame: TangentFrame,
-    /// The contact at the stretch's middle, and the way.
+    /// The contact at the stretch's middle, and the motion.
     pub stroke: Stroke,
     /// Length of the stretch, mm.
     pub length_mm: f64,
@@ -60,8 +63,8 @@ pub struct Stretch {
     pub swept_mm2: f64,
 }
 
-/// Returns the stretches of a path. If the force on the way to a pose was not measured, the tool presses with
-/// `nominal_n`, N.
+/// Returns the stretches of a path. If the force of a pose was not measured, the tool presses with `nominal_n`, N, on
+/// the motion to this pose.
 pub fn stretches(
     surface: &BSplineSurface,
     executed: &[Executed],
@@ -97,9 +100,9 @@ pub fn stretches(
     all
 }
 
-/// Calculates the length that a grain rubs in this time on this way, mm.
+/// Calculates the length that a grain rubs in this time on a motion of this length, mm.
 fn rubbed_mm(orbit: &Orbit, length_mm: f64, seconds: f64) -> f64 {
-    // In zero time the disc cannot have moved: the same report came twice.
+    // If no time has passed, the disc cannot have moved: the same report came twice.
     if seconds > 0.0 { orbit.grain_mm_s(length_mm / seconds) * seconds } else { length_mm }
 }
 
@@ -181,7 +184,7 @@ pub(super) mod tests {
             stretches(&surface, &line, (&DISC, 20.0), &|_| true).len()
         };
         assert_eq!([count(1.5, [None; 2]), count(0.5, [None; 2])], [0, 8]);
-        // The force on the way to a pose is the force of this pose.
+        // The force on the motion to a pose is the force of this pose.
         assert_eq!([count(0.0, [Some(0.0), Some(20.0)]), count(0.0, [Some(20.0), Some(0.0)])], [8, 0]);
     }
 

@@ -1,4 +1,4 @@
-//! The axis of a chart: the values written beside it, and the place of a value.
+//! The axis of a chart: the values written beside it, and the position of a value.
 
 use crate::number_text::plain;
 
@@ -7,7 +7,7 @@ use crate::number_text::plain;
 pub(super) struct Axis {
     low: f64,
     high: f64,
-    /// The places of the lowest and the highest value, in units of the chart.
+    /// The positions of the lowest and the highest value, in units of the chart.
     from: f64,
     to: f64,
 }
@@ -25,13 +25,13 @@ impl Axis {
         Axis { low: low - room, high: high + room, from, to }
     }
 
-    /// Returns the place of a value.
+    /// Returns the position of a value.
     pub fn place(&self, value: f64) -> f64 {
         self.from + (value - self.low) / (self.high - self.low) * (self.to - self.from)
     }
 
-    /// Returns about this number of round values on the axis, each with its text: 1, 2 or 5 times a power of ten
-    /// apart.
+    /// Returns about this number of round values on the axis, each with its text; their distance is 1, 2 or 5 times a
+    /// power of ten.
     pub fn ticks(&self, about: usize) -> Vec<(f64, String)> {
         let rough = (self.high - self.low) / about.max(1) as f64;
         let power = 10.0_f64.powf(rough.log10().floor());

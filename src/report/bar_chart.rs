@@ -1,4 +1,4 @@
-//! A bar chart that shows the share of each class.
+//! A bar chart that shows the percentage of each class.
 
 use super::canvas::{Canvas, Ink, Pen};
 use crate::geometry::{ColorPicture, Pixel};

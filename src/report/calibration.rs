@@ -9,7 +9,7 @@ use crate::geometry::{ColorPicture, Pixel};
 use crate::imaging::ImagingError;
 use maud::{Markup, html};
 
-/// Share of the picture's width to which the longest residual is enlarged.
+/// The longest residual is enlarged to this fraction of the picture's width.
 const MAX_RESIDUAL_SHARE: f64 = 0.04;
 const GROUND: [u8; 3] = [60, 60, 60];
 
@@ -63,7 +63,7 @@ fn field_means((width, height): (usize, usize), found: &Calibrated) -> Vec<(Pixe
     sums.iter().enumerate().filter_map(mean).collect()
 }
 
-/// Draws the board's corners in its picture, with the ones to touch numbered from 1.
+/// Draws the board's corners in its picture, and numbers those to touch from 1.
 ///
 /// # Errors
 /// If OpenCV refuses to draw.

@@ -28,7 +28,7 @@ impl Ink {
     pub const WHITE: Ink = Ink([255, 255, 255]);
     pub(super) const RIM: Ink = Ink([20, 20, 20]);
 
-    /// Mixes this colour with a share of another, 0…1.
+    /// Mixes this colour with a fraction of another, 0…1.
     #[must_use]
     pub fn blend(self, other: Ink, share: f64) -> Ink {
         let mix = |i: usize| (f64::from(self.0[i]) * (1.0 - share) + f64::from(other.0[i]) * share).round() as u8;
@@ -56,7 +56,8 @@ pub(super) const FONT: i32 = imgproc::FONT_HERSHEY_SIMPLEX;
 /// Height of a capital letter at scale 1, px.
 const FONT_HEIGHT_PX: f64 = 22.0;
 
-/// Lengths that a scale bar may have, mm, and the largest share of the picture's width that it may cover.
+/// Lengths that a scale bar may have, mm; the next constant is the largest fraction of the picture's width that it may
+/// cover.
 const BARS_MM: [f64; 9] = [500.0, 200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0];
 const BAR_SHARE: f64 = 0.25;
 
@@ -114,7 +115,7 @@ impl Canvas {
     /// Draws a line through pixels.
     ///
     /// # Errors
-    /// If OpenCV refuses to draw; likewise for the other shapes.
+    /// If OpenCV refuses to draw; the same applies to the other shapes.
     pub fn polyline(&mut self, pixels: &[Pixel], closed: bool, pen: Pen) -> Result<(), ImagingError> {
         if pixels.len() < 2 {
             return Ok(());
@@ -154,8 +155,8 @@ impl Canvas {
         Ok(())
     }
 
-    /// Draws a label with its text beginning at `at`, its baseline there; on a dark ground. A label that would end
-    /// outside the picture is moved inside as a whole.
+    /// Draws a label on a dark ground, with the beginning of its text's baseline at `at`. A label that would end
+    /// outside the picture is moved completely inside.
     ///
     /// # Errors
     /// As [`Canvas::polyline`].
@@ -186,8 +187,8 @@ impl Canvas {
         Ok(())
     }
 
-    /// Draws a scale bar in the lower left corner, at most a quarter of the picture's width long; `px_per_mm` at
-    /// the panel's depth.
+    /// Draws a scale bar in the lower left corner, at most a quarter of the picture's width long; `px_per_mm` is the
+    /// scale at the panel's depth.
     ///
     /// # Errors
     /// As [`Canvas::polyline`].
@@ -197,7 +198,7 @@ impl Canvas {
         self.scale_bar(bar_mm.unwrap_or(BARS_MM[BARS_MM.len() - 1]), px_per_mm)
     }
 
-    /// Draws a scale bar in the lower left corner; `px_per_mm` at the panel's depth.
+    /// Draws a scale bar in the lower left corner; `px_per_mm` is the scale at the panel's depth.
     ///
     /// # Errors
     /// As [`Canvas::polyline`].
@@ -243,7 +244,7 @@ impl Canvas {
     }
 }
 
-/// Returns a part of a picture; the part ends at the picture's border.
+/// Returns a part of a picture; a part that would extend beyond the picture's border ends there.
 pub fn crop(picture: &ColorPicture, left: usize, top: usize, size: (usize, usize)) -> ColorPicture {
     let width = size.0.min(picture.width.saturating_sub(left));
     let height = size.1.min(picture.height.saturating_sub(top));
@@ -313,7 +314,7 @@ mod tests {
         }
     }
 
-    /// A picture of 60 px with a legend of 30 letters: no letter is cut, and a wide picture keeps its width.
+    /// A picture of 60 px with a legend of 30 letters: no letter is cut off, and a wide picture keeps its width.
     #[test]
     fn a_legend_is_read_to_its_end() {
         let width = |px: usize| {

@@ -22,7 +22,7 @@ pub struct CornerView<'a> {
 const CLOSE_PX: usize = 720;
 
 impl CornerView<'_> {
-    /// Draws the corner with both places marked, enlarged; `title` states which of the two pictures it is.
+    /// Draws the corner enlarged, with both positions marked; `title` states which of the two pictures it is.
     ///
     /// # Errors
     /// If OpenCV refuses to draw.
@@ -58,13 +58,13 @@ impl CornerView<'_> {
 pub struct StripPicture {
     /// The clip's picture, cut to the region.
     pub picture: ColorPicture,
-    /// The pixels that were broken by then.
+    /// The pixels that were broken at the time of the picture.
     pub broken: Mask,
     /// Its label, such as the time.
     pub label: String,
 }
 
-/// Draws the film in time: pictures side by side with the area that had broken by then.
+/// Draws the film over time: pictures side by side, each with the area that had broken until its time.
 ///
 /// # Errors
 /// If OpenCV refuses to draw.

@@ -1,5 +1,6 @@
-//! The errors of a 3D camera over its picture. The part that is the same in each scan is shown as colour. Each part
-//! of the picture states this amount, the rest, and the number of scans on which they are based.
+//! The errors of a 3D camera over its picture. The part that is the same in each scan is shown as colour. Each part of
+//! the picture contains three numbers: this amount, the remaining error, and the number of scans on which they are
+//! based.
 
 use super::canvas::{Canvas, Ink};
 use crate::calib::scanner_errors::{MIN_SCANS, PicturePart, ScannerErrors};
@@ -15,7 +16,7 @@ const FAR: Ink = Ink::VERMILLION;
 const NEAR: Ink = Ink::DEEP_BLUE;
 const UNKNOWN: Ink = Ink([150, 150, 150]);
 
-/// Draws the picture, with a legend.
+/// Draws the scanner's depth errors as a picture with a legend.
 ///
 /// # Errors
 /// If OpenCV refuses to draw.

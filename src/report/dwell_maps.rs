@@ -14,7 +14,7 @@ const UNASKED: Ink = Ink([225, 225, 225]);
 const NOT_REACHED: Ink = Ink::VERMILLION;
 /// Colours of the shortest and the longest time.
 const TIMES: [Ink; 2] = [Ink([222, 235, 247]), Ink([8, 48, 107])];
-/// Shares of the longest time that the legend explains.
+/// Fractions of the longest time that the legend shows.
 const EXPLAINED: [f64; 4] = [0.25, 0.5, 0.75, 1.0];
 /// Colours for one, two and more passes.
 const PASSES: [Ink; 3] = [Ink([190, 215, 235]), Ink([66, 133, 190]), Ink([10, 40, 90])];
@@ -77,8 +77,8 @@ mod tests {
     use crate::surface::dwell::{Executed, simulate};
     use crate::surface::{BSplineSurface, KnotVector};
 
-    /// A square of 60 mm, four grids; the disc of 5 mm radius moved once along the middle of the upper grids and
-    /// back over the last third of that way.
+    /// A square region of 60 mm with four grids. The disc of 5 mm radius moved once along the middle of the upper
+    /// grids, and back over the last third of that path.
     fn walked() -> (Dwell, Region) {
         let knots = || KnotVector::uniform(1, 1, 0.0..=1.0).expect("knots");
         let controls = [(0.0, 0.0), (0.0, 60.0), (60.0, 0.0), (60.0, 60.0)].map(|(x, y)| Point::at(x, y, 0.0));
@@ -112,8 +112,8 @@ mod tests {
         assert!(top > 5 * 12 && map.rgb.contains(&TIMES[1].0) && map.rgb.contains(&NOT_REACHED.0));
     }
 
-    /// Distinguishable by lightness alone: each step of both ramps is darker than the one before by a tenth of the
-    /// range.
+    /// The colours are distinguishable by lightness alone: each step of both ramps is darker than the one before by a
+    /// tenth of the range.
     #[test]
     fn the_ramps_are_read_without_colour() {
         let light =

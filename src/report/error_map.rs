@@ -24,7 +24,8 @@ const MAX_PX: f64 = 32.0;
 const WITHIN_LIMIT: &str = "#0072b2";
 const BEYOND_LIMIT: &str = "#d55e00";
 
-/// Draws two views of the same places: x over y, and x over z. The larger the circle, the larger the error.
+/// Draws two views of the same positions: along x and y, and along x and z, with x to the right. The larger the
+/// circle, the larger the error.
 pub fn error_map(title: &str, places: &[Left], limit_mm: f64) -> String {
     let width = 2.0 * (SIDE_PX + MARGIN_PX) + MARGIN_PX;
     let height = TOP_PX + SIDE_PX + MARGIN_PX;

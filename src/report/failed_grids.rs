@@ -1,4 +1,4 @@
-//! A close picture of each grid that failed: the film at the end, a line around the broken area, and in words the
+//! A close picture of each grid that failed: the film at the end, an outline of the broken area, and a text with the
 //! size of this area and the time to break. Each picture has its own scale.
 
 use super::canvas::{Canvas, Ink, Pen, crop, resized, sheet};
@@ -13,7 +13,7 @@ use crate::panel::Grid;
 pub struct FailedGrid<'g> {
     /// The grid.
     pub grid: &'g Grid,
-    /// How much broke, and when, in words of about 25 letters.
+    /// Text of about 25 letters: how much of the film broke, and when.
     pub words: String,
 }
 

@@ -1,5 +1,5 @@
-//! Where the film breaks, over many parts: the panel's grids as they lie, each with its number of breaks and the
-//! time after which it broke. The shade repeats the number.
+//! Where the film breaks, over many parts: the panel's grids in their arrangement on the panel, each with its number
+//! of breaks and the time after which it broke. The shade repeats the number.
 
 use crate::history::{HeatCell, HeatMap};
 use crate::number_text::fixed;
@@ -51,7 +51,7 @@ mod tests {
         HeatCell { grid: grid.to_owned(), row: at.0, column: at.1, films: 12, breaks, median_s }
     }
 
-    /// Calculated by hand: 1 and 3 of 12 are up to a quarter, 4 are more than a quarter, 12 are all.
+    /// Calculated by hand: 1 and 3 of 12 films are at most a quarter, 4 are more than a quarter, 12 are all.
     #[test]
     fn the_shade_says_what_the_number_says() {
         let shades = [0, 1, 3, 4, 12].map(|breaks| shade(&cell("r1c1", (1, 1), breaks, None)));

@@ -52,7 +52,7 @@ impl View<'_> {
         (self.picture.height as f64 / 600.0).round().max(1.0) as i32
     }
 
-    /// Draws the outline where the taught panel would show it.
+    /// Draws the taught panel's outline as it appears at the pose of this view.
     pub(super) fn outline(&self, canvas: &mut Canvas, panel: &TaughtPanel, pen: Pen) -> Result<(), ImagingError> {
         let step = (panel.outline.len() / 400).max(1);
         let thinned: Vec<Point<Panel>> = panel.outline.iter().copied().step_by(step).collect();
@@ -170,8 +170,8 @@ impl View<'_> {
         self.framed(canvas, panel, &legend)
     }
 
-    /// Draws when the film broke at each pixel: early breaks dark violet, late ones yellow; `time_s` needs column
-    /// and row.
+    /// Draws when the film broke at each pixel: early breaks dark violet, late ones yellow; `time_s` returns the time
+    /// for a column and a row.
     ///
     /// # Errors
     /// As [`View::taught`].

@@ -86,8 +86,8 @@ impl Page {
                     h1 { (self.title) }
                     p.sub { (self.subtitle) }
                     (verdict(&self.judgement))
-                    // A line for each section, and one for the time of making: a person who compares two pages
-                    // leaves that line out.
+                    // Each section has its own line in the HTML, and so has the time at which the page was made: a
+                    // person who compares two pages can leave that line out.
                     @for section in &self.sections { (PreEscaped("\n")) (section) }
                     (PreEscaped("\n"))
                     @if !self.made.is_empty() { p.sub { (self.made) } (PreEscaped("\n")) }

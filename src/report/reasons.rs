@@ -19,7 +19,7 @@ const INK: f64 = 0.75;
 /// Half the side of a close picture, px, then its width after the enlargement.
 const CLOSE_HALF_PX: usize = 24;
 const CLOSE_PX: usize = 720;
-/// Colours of objects, largest first.
+/// Colours of the objects in the scan, the largest object first.
 const THINGS: [Ink; 5] = [Ink::ORANGE, Ink::BLUE, Ink::GREEN, Ink::YELLOW, Ink::VERMILLION];
 
 /// A reason that is shown by dots on the taught surface.
@@ -288,8 +288,8 @@ impl View<'_> {
         let mut canvas = Canvas::on(self.picture)?;
         let other = View { camera_from_panel: self.camera_from_panel * panel_from_other, ..*self };
         let [(here, _), (there, _)] = legend;
-        // If both lie on each other, the wider one is visible on both sides, and the hands show the orientation of
-        // each.
+        // If both outlines coincide, the wider one is visible on both sides of the other; the hands show the
+        // orientation of each outline.
         let pens = [Pen { ink: there, width_px: 4 * self.line_px() }, Pen { ink: here, width_px: self.line_px() }];
         for (view, pen) in [(&other, pens[0]), (self, pens[1])] {
             view.outline(&mut canvas, panel, pen)?;

@@ -17,9 +17,9 @@ const DEPTHS: [Ink; 2] = [Ink([222, 235, 247]), Ink([8, 48, 107])];
 const NOTHING: Ink = Ink::WHITE;
 const TOO_DEEP: Ink = Ink::VERMILLION;
 const NO_PANEL: Ink = Ink([225, 225, 225]);
-/// Distance of the hatch's lines, px.
+/// Distance between the lines of the hatch, px.
 const HATCH_PX: usize = 6;
-/// Shares of the target that the legend explains.
+/// Fractions of the target depth that the legend shows.
 const EXPLAINED: [f64; 5] = [0.25, 0.5, 0.75, 1.0, 1.25];
 
 /// Draws the map, against the target and the largest allowed depth, µm.
@@ -91,7 +91,7 @@ mod tests {
         assert!(deep.contains(&TOO_DEEP.0) && deep.contains(&Ink::RIM.0), "hatched");
     }
 
-    /// Distinguishable by lightness alone.
+    /// The colours are distinguishable by lightness alone.
     #[test]
     fn the_ramp_is_read_without_colour() {
         let light =

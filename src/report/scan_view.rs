@@ -24,7 +24,7 @@ pub fn scan_picture<F: Frame>(scan: &OrganizedCloud<F>) -> Result<ColorPicture, 
     canvas.with_ruler()?.with_legend(&[(MISSING, &legend(scan))])?.finish()
 }
 
-/// The same with the corners of the region that a recipe chooses; the wrong ones, counted from 1, are marked.
+/// Draws the scan with the corners of the region that a recipe chooses; wrong corners, counted from 1, are marked.
 ///
 /// # Errors
 /// If OpenCV refuses to draw.
@@ -42,8 +42,8 @@ pub fn region_in_scan<F: Frame>(
         let number = index + 1;
         let (ink, word) = if wrong.contains(&number) { (Ink::VERMILLION, " wrong") } else { (Ink::BLUE, "") };
         canvas.cross(*corner, size_px, Pen { ink, width_px: width_px + 1 })?;
-        // The text is white, because coloured letters of this size are hard to read. The cross has the colour, and
-        // the text contains the word for it.
+        // The text is white, because coloured letters of this size are hard to read. The cross has the colour of a
+        // usable or a wrong corner; the text of a wrong corner also contains this word.
         let text = format!("{number} [{:.0}, {:.0}]{word}", corner.u, corner.v);
         canvas.label(Pixel::at(corner.u + size_px, corner.v - size_px), &text, text_px, Ink::WHITE)?;
     }
@@ -81,7 +81,7 @@ mod tests {
     }
 
     /// Calculated by hand: the left quarter of the scan has no points; yellow is (240, 228, 66), and 0.45 of the
-    /// way from 100 to it gives (163, 158, 85).
+    /// difference from 100 to this colour gives (163, 158, 85).
     #[test]
     fn missing_points_are_counted_and_tinted() {
         assert!((missing_share(&scan()) - 0.25).abs() < 1e-12);

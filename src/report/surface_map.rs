@@ -71,8 +71,8 @@ fn drawn(
     canvas.with_legend(&legend)?.finish()
 }
 
-/// Returns the mean of the points in the fit around each pixel, mm; 0 if there is none. By running sums, along the
-/// rows and then along the columns.
+/// Returns the mean of the points in the fit around each pixel, mm; 0 if there is none. The sums are calculated along
+/// the rows and then along the columns.
 fn means_mm(width: usize, pixels: &[MapPixel]) -> Vec<f64> {
     let own = |pixel: &MapPixel| match pixel {
         MapPixel::Fits { mm } => [f64::from(*mm), 1.0],

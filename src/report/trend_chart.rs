@@ -93,7 +93,7 @@ fn at(place: f64) -> String {
     fixed(place, 1).to_string()
 }
 
-/// Returns the place of the value with this number, from the left.
+/// Returns the horizontal position of the value with this index, counted from the left.
 fn across(index: usize, count: usize) -> f64 {
     LEFT + (index as f64 + 0.5) / count.max(1) as f64 * (WIDTH - LEFT - RIGHT)
 }
@@ -218,13 +218,14 @@ mod tests {
         assert!(!svg.contains("style="), "the page allows no style in a text");
     }
 
-    /// By hand: two values are at a quarter and three quarters of 900 - 78 - 14 = 808, from 78 on.
+    /// By hand: two values are at a quarter and at three quarters of the width 900 - 78 - 14 = 808, measured from 78.
     #[test]
     fn values_stand_where_they_belong() {
         let points = vec![point(1, 1.0, Limit::Unlimited), point(2, 3.0, Limit::Unlimited)];
         assert_eq!((across(0, 2), across(1, 2)), (280.0, 684.0));
         let vertical = Axis::over([1.0, 3.0].into_iter(), [100.0, 0.0]);
-        // 8 % of 2 on both sides: from 0.84 to 3.16, so that 1 is 0.16 / 2.32 = 6.9 % above the foot.
+        // The axis extends by 8 % of the range 2 on both sides, from 0.84 to 3.16, so that 1 is 0.16 / 2.32 = 6.9 %
+        // above the foot.
         assert_eq!(line(&points, &vertical), "M280.0 93.1L684.0 6.9");
         assert_eq!(limit_paths(&points, &vertical), [] as [String; 0]);
         let empty = trend_chart(&Trend::of_points(("x".to_owned(), String::new()), vec![], 3), WORDS).into_string();

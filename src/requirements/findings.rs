@@ -21,7 +21,7 @@ impl Purpose {
     }
 }
 
-/// A requirement that a cell's file does not state, or states in a way that cannot be done.
+/// A requirement that a cell's file does not state, or states with a value that is not possible.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Unmet {
     /// The key with its tables, `poses.park.a1_deg`.
@@ -39,7 +39,7 @@ pub enum Lack {
     Value,
     /// A file that the cell's file names is missing: it may still be created.
     MissingFile,
-    /// A file that it names exists and is not right.
+    /// A file that the cell's file names exists, but is not right.
     WrongFile,
 }
 

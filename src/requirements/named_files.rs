@@ -169,8 +169,8 @@ mod tests {
         incomplete(&cell, Purpose::Cycle, read).into_iter().map(|unmet| (unmet.key, unmet.message)).collect()
     }
 
-    /// Each file is named once, the remedy once; an existing file is checked as the kind of file that its key
-    /// names.
+    /// Each file is reported once, and the remedy is stated once; an existing file is checked as the kind of file that
+    /// its key names.
     #[test]
     fn files_that_are_not_there_or_not_right_are_named_once() {
         assert_eq!(found(WHOLE, &not_looked_at), []);
@@ -186,7 +186,7 @@ mod tests {
         assert!(unreadable[0].1.ends_with("which cannot be read: line 1 is not UTF-8"), "{unreadable:?}");
     }
 
-    /// Calibrations of the nominal arm, in a cell that corrects the arm.
+    /// Calibrations that were measured with the nominal arm, in a cell that corrects the arm.
     #[test]
     fn a_mount_measured_with_another_correction_is_not_right() {
         let cell = "[calibration]\nrobot_correction = \"arm.toml\"\nflange_from_tool = \"tool.toml\"\n";

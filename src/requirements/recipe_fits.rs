@@ -1,4 +1,4 @@
-//! Whether a recipe can be done in a cell: what both files state about the tool.
+//! Whether a cell can execute a recipe: checks what both files state about the tool, the feed and the region.
 
 use super::{NamedFile, ReadNamed, Unmet, in_metres, problems_of};
 use crate::cell::{Cell, CompliantTool, Intrinsics};
@@ -8,7 +8,7 @@ use crate::number_text::{fixed, plain};
 use crate::recipe::Recipe;
 use crate::removal::model::UNKNOWN;
 
-/// The recipe and the tool do not match in the force.
+/// A mismatch between recipe and tool in the force.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ForceMismatch {
     /// The tool is compliant, but the recipe states no force.
@@ -44,7 +44,7 @@ pub enum ForceMismatch {
 /// Returns whether recipe and tool agree on a force; a spring needs none.
 ///
 /// # Errors
-/// What does not fit.
+/// The mismatch.
 pub fn force_fits(tool: Option<&CompliantTool>, recipe: &Recipe) -> Result<(), ForceMismatch> {
     match (tool, recipe.path().force_n()) {
         (None, None) => Ok(()),
@@ -61,8 +61,9 @@ pub fn force_fits(tool: Option<&CompliantTool>, recipe: &Recipe) -> Result<(), F
     }
 }
 
-/// The demands of a recipe that this cell cannot meet, by the recipe's keys; empty if both fit. The region is
-/// compared with the picture of the scanner with the calibration that the cell names.
+/// Returns the demands of a recipe that this cell cannot meet, by the recipe's keys; empty if recipe and cell match.
+/// The region is compared with the size of the scanner's picture, which is stated in the calibration that the cell
+/// names.
 pub fn unfit(cell: &Cell, recipe: &Recipe, read: ReadNamed<'_>) -> Vec<Unmet> {
     let force = force_fits(cell.tool().compliant(), recipe).err();
     let force = force.map(|mismatch| Unmet::new("path.force_n", mismatch.to_string()));
@@ -86,7 +87,7 @@ pub fn feed_fits(cell: &Cell, recipe: &Recipe) -> Result<(), Unmet> {
     Err(Unmet::new("path.feed_mm_s", message))
 }
 
-/// Reads a recipe, and refuses a recipe that no cell could execute: with its box in metres.
+/// Reads a recipe, and refuses a recipe that no cell could execute, because its box is stated in metres.
 ///
 /// # Errors
 /// The problems of the recipe.
@@ -132,7 +133,8 @@ mod tests {
         unfit(&cell, &recipe, &not_looked_at).into_iter().map(|unmet| unmet.key).collect()
     }
 
-    /// By hand: the limit is 250 mm/s if the cell states nothing; a corner at 12,970 px in a picture of 1,944 px.
+    /// By hand: the limit is 250 mm/s if the cell states nothing; a corner at 12,970 px is outside a picture of 1,944
+    /// px.
     #[test]
     fn a_feed_a_region_and_a_box_that_cannot_be_are_named() {
         let feed = |feed_mm_s: u32| format!("[path]\nfeed_mm_s = {feed_mm_s}\n");

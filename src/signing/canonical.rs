@@ -39,7 +39,7 @@ pub(super) fn numbers_again(value: Value, names: &[&str]) -> Value {
     }
 }
 
-/// The same value, with whole numbers as texts if a double cannot hold them.
+/// Returns the same value, with each whole number that a double cannot represent exactly written as a text.
 pub(super) fn exact(value: Value) -> Value {
     let is_beyond = |value: &Value| {
         value.as_u64().or(value.as_i64().map(i64::unsigned_abs)).is_some_and(|number| number > MAX_EXACT_INTEGER)

@@ -1,6 +1,6 @@
-//! Verifies signed statements together: each by its signature, all by their chain, and the chain's end by a head
-//! that was kept elsewhere. Names each statement that was changed, is missing, is in the place of another, or was
-//! rolled back.
+//! Verifies signed statements together: each by its signature, all by their chain, and the chain's end by a head that
+//! was stored elsewhere. Names each statement that was changed, is missing, was exchanged for another, or was rolled
+//! back.
 
 use super::key::PublicKey;
 use super::statement::{BEGIN, SignedHead, Statement, StatementContent, hash};
@@ -110,7 +110,7 @@ fn read<'s>(signed: &'s Signed, keys: &[PublicKey]) -> Result<Whole<'s>, String>
     }
 }
 
-/// A finding if the name claims something else.
+/// Returns a finding if the statement contradicts the claim that its name makes.
 fn misplaced(signed: &Signed, statement: &Statement) -> Option<String> {
     let is_there = match (signed.claim, &statement.says) {
         (Claim::Nothing, _) => true,
@@ -130,7 +130,7 @@ fn gaps(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<(u64, u64)> {
     between.map(|(before, number)| (before + 1, number - 1)).collect()
 }
 
-/// Statements that name a different predecessor than the one present.
+/// Returns a finding for each statement that names a different predecessor than the one present.
 fn broken(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<String> {
     let mut found = Vec::new();
     let mut before: Option<&Whole<'_>> = None;

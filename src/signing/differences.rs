@@ -1,12 +1,12 @@
-//! Differences between the signed record and the present one, by their place in the record.
+//! Differences between the signed record and the present one, by their path in the record.
 
 use serde_json::Value;
 
-/// The requests: more may follow while the cell rests in its result, and a request that only the journal had gets
-/// its answer.
+/// Path of the requests: more requests may follow while the cell waits with its result, and a request that was only in
+/// the journal receives its answer.
 const REQUESTS_PATH: &str = "/asked";
-/// Motions: a motion that was open when an aborted cycle was signed gets its end later, from the robot or from a
-/// person.
+/// Path of the motions: a motion that was open when an aborted cycle was signed receives its end later, from the robot
+/// or from a person.
 const MOTION: &str = "/motions/";
 /// Fields with counts that may grow after signing.
 const COUNTING: [&str; 1] = ["/events"];
@@ -50,8 +50,8 @@ fn is_motion(at: &str) -> bool {
     at.strip_prefix(MOTION).is_some_and(|number| !number.contains('/'))
 }
 
-/// Returns whether each signed request is still present; one that only the journal had at that time may have its
-/// row now.
+/// Returns whether each signed request is still present; a request that was only in the journal at that time, without
+/// its sender and answer, may have them now.
 fn all_asked(signed: &[Value], now: &[Value]) -> bool {
     let mut left: Vec<&Value> = now.iter().collect();
     signed.iter().all(|one| {

@@ -32,7 +32,7 @@ impl CellKey {
         SigningKey::from_pkcs8_pem(pem).map(CellKey).map_err(problem)
     }
 
-    /// The same as text, in the form that `openssl` writes.
+    /// Returns the key as text, in the form that `openssl` writes.
     ///
     /// # Errors
     /// If it cannot be encoded.
@@ -104,7 +104,7 @@ impl PublicKey {
         pem.map_err(|error| SigningError::PublicKey { problem: error.to_string() })
     }
 
-    /// Returns whether this key's private half signed these bytes.
+    /// Returns whether the private key of this public key signed these bytes.
     pub fn verifies(&self, bytes: &[u8], signature: &[u8]) -> bool {
         Signature::from_slice(signature).is_ok_and(|signature| self.0.verify_strict(bytes, &signature).is_ok())
     }

@@ -8,7 +8,7 @@ pub fn cycle_stem(cycle: CycleId) -> String {
     format!("cycle-{cycle}")
 }
 
-/// The same for a person's signature on the cycle.
+/// Returns the name, without its extension, of a person's signature on a cycle.
 pub fn person_stem(cycle: CycleId, number: u64) -> String {
     format!("cycle-{cycle}-signature-{number}")
 }
@@ -23,18 +23,19 @@ pub fn pdf_name(cycle: CycleId) -> String {
     format!("cycle-{cycle}.pdf")
 }
 
-/// The cycle that has a signed page with this name without its ending, if it is one.
+/// Returns the cycle to which the signed page with this name belongs, if it is the name of a signed page; the name is
+/// given without its extension.
 pub(super) fn cycle_of_page(stem: &str) -> Option<CycleId> {
     let number = stem.strip_suffix("-page")?.strip_prefix("cycle-")?;
     number.parse().ok().map(CycleId)
 }
 
-/// The cycle that has a page as PDF with this name, if it is one.
+/// Returns the cycle to which the PDF page with this name belongs, if it is the name of such a page.
 pub(super) fn cycle_of_pdf(name: &str) -> Option<CycleId> {
     name.strip_suffix(".pdf")?.strip_prefix("cycle-")?.parse().ok().map(CycleId)
 }
 
-/// Returns the claim of a statement's name, given without its extension.
+/// Returns the claim that a statement's name makes; the name is given without its extension.
 pub(super) fn claim(stem: &str) -> Claim {
     let Some(rest) = stem.strip_prefix("cycle-") else { return Claim::Nothing };
     match rest.split_once("-signature-") {

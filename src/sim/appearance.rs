@@ -38,13 +38,14 @@ fn fixed(gray: f64) -> u16 {
     (gray * f64::from(LEVEL)).round() as u16
 }
 
-/// A wide lamp above the cameras: brightest where the panel faces the lamp.
+/// Computes the light of a wide lamp above the cameras: brightest where the panel faces the lamp.
 fn lighting(normal: &Vector3<f64>) -> f64 {
     let lamp = Vector3::new(-0.17, 0.38, 0.91);
     0.55 + 0.47 * normal.dot(&lamp)
 }
 
-/// 2 × 2 twill: relative brightness of the yarn on top. Fades if a pixel is as wide as a tow.
+/// Computes the relative brightness of the yarn on top in a 2 × 2 twill. The pattern fades if a pixel is as wide as a
+/// tow.
 fn weave([s, t]: [f64; 2], pixel_mm: f64) -> f64 {
     let (i, j) = (s / TOW_MM, t / TOW_MM);
     let (column, row) = (i.floor(), j.floor());

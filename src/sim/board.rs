@@ -15,7 +15,7 @@ pub struct Marker {
     pub column: usize,
     /// Row of the marker's square, from the top.
     pub row: usize,
-    /// Its cells with the black rim, row by row; true means white.
+    /// The marker's cells with the black rim, row by row; true means white.
     pub cells: Vec<bool>,
 }
 
@@ -29,7 +29,7 @@ pub struct BoardPrint {
     pub rows: usize,
     /// Side of a square, mm.
     pub square_mm: f64,
-    /// Is the square at the top left white?
+    /// Whether the square at the top left is white.
     pub begins_white: bool,
     /// Side of a marker, mm.
     pub marker_mm: f64,

@@ -1,8 +1,9 @@
-//! Pictures of a board for calibration, with known truth: the flange's true pose, the pose that the robot reports,
-//! and the camera's picture.
+//! Pictures of a board for calibration, with known truth: the flange's true pose, the pose that the robot reports, and
+//! the camera's picture.
 //!
-//! The fixed camera looks at a board on the flange, the flange camera at a board in the cell. Places, tilts and
-//! turns are drawn as a careful operator chooses them: wide, with the whole board in the picture.
+//! The fixed camera looks at a board on the flange, the flange camera at a board in the cell. Positions, tilts and
+//! turns are drawn at random as a careful operator would choose them: widely spread, with the whole board in the
+//! picture.
 
 use super::board::BoardPrint;
 use super::noise::{Normal, PixelNoise, Purpose, Seed};
@@ -84,7 +85,7 @@ const SCANNER_INDEX: u64 = 2_000;
 /// Largest distance of the board's middle from the optical axis, as shares of its depth, across and down.
 const MIDDLE: [f64; 2] = [0.22, 0.14];
 const ALL_OVER: [f64; 2] = [0.42, 0.25];
-/// The rim keeps this distance from the picture's edge, px.
+/// Minimum distance of the rim from the picture's edge, px.
 const MARGIN_PX: f64 = 12.0;
 
 impl BoardCell {
@@ -152,8 +153,8 @@ impl BoardCell {
         })
     }
 
-    /// The fixed camera's view of the board on the flange, which is truly here; the robot reports this pose without
-    /// an error.
+    /// Returns the fixed camera's view of the board on the flange at this true pose of the flange; the robot reports
+    /// this pose without an error.
     pub fn fixed_view(&self, index: u64, base_from_flange: Rigid<Base, Flange>) -> BoardShot<Camera> {
         let camera_from_board =
             scene::base_from_camera().inverse() * base_from_flange * flange_from_board(&self.print);
@@ -167,7 +168,8 @@ impl BoardCell {
         BoardShot { index, base_from_flange, camera_from_board }
     }
 
-    /// Returns pictures for the lens: the board is held by hand near this camera and fills the picture.
+    /// Returns shots for the calibration of the lens: the board is held by hand near this camera and fills the
+    /// picture.
     pub fn lens_shots<C: Frame>(&self, camera: &PinholeCamera, count: usize) -> Vec<BoardShot<C>> {
         // The whole rim fills about 0.8 of the picture's width if it faces the camera.
         let [low, right, ..] = self.print.rim();

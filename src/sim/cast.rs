@@ -15,10 +15,9 @@ use crate::geometry::{Base, Camera, Frame, Panel, PinholeCamera, Pixel, Rigid};
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use std::ops::Range;
 
-/// The undistorted rays of a camera's pixels: exact every few pixels, linear between.
+/// The undistorted rays of a camera's pixels: exact at every few pixels, interpolated linearly in between.
 ///
-/// With the lenses of this cell the second derivative of the distortion is below 0.5. Therefore the error stays
-/// below
+/// With the lenses of this cell the second derivative of the distortion is below 0.5. Therefore the error stays below
 /// 0.5 · (8 px)² / (8 f) = 0.002 px.
 #[derive(Debug, Clone)]
 pub(super) struct Rays {
@@ -212,8 +211,8 @@ impl<'a> PanelView<'a> {
         self.axes[0] * direction.x + self.axes[1] * direction.y + self.axes[2] * direction.z
     }
 
-    /// The intersection of a ray (x, y, 1) with the surface (1), searched from the neighbour's depth or else from
-    /// the sheet's plane.
+    /// The intersection of a ray (x, y, 1) with the surface (1), found by a search that starts at the neighbour's
+    /// depth, or else at the sheet's plane.
     pub fn meet(&self, ray: Vector3<f64>, guess_mm: Option<f64>) -> Option<PanelHit> {
         const STEPS: usize = 20;
         let r = self.turned(&ray);
@@ -223,7 +222,7 @@ impl<'a> PanelView<'a> {
             let (s, t) = (o.x + depth * r.x, o.y + depth * r.y);
             let [height, slope_s, slope_t] = self.shape.height(s, t);
             let slope = r.z - slope_s * r.x - slope_t * r.y;
-            // The ray meets the surface from behind or almost along it: the visible side is not seen.
+            // The ray meets the surface from behind or almost parallel to it: the panel's front is not visible.
             if slope > -0.02 * r.norm() {
                 return None;
             }
@@ -355,7 +354,8 @@ mod tests {
         let area_px2 = crate::geometry::polygon::signed_area_px2(&outline).abs();
         let error_px = (shares.iter().sum::<f64>() - area_px2) / length_px;
         assert!(length_px > 1_000.0 && error_px.abs() < 0.01, "{error_px} px");
-        // The same row by row, away from corners: the length of the row inside is the sum of its shares.
+        // The same holds for each row away from corners: the length of the row inside the outline is the sum of its
+        // pixels' shares.
         for row in [240, 300, 360] {
             let crossings: Vec<f64> = (0..outline.len())
                 .map(|i| (outline[i], outline[(i + 1) % outline.len()]))

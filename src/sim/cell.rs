@@ -22,7 +22,7 @@ use crate::geometry::{
     PinholeCamera, Pixel, Point, Rigid, TriangleMesh,
 };
 
-/// The pose of the panel, one of two, that a camera looks at.
+/// One of the two poses of the panel at which a camera looks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PanelPosition {
     /// The taught panel at its nominal pose.
@@ -108,12 +108,13 @@ impl Cell {
         Cell { distortion, ..self }
     }
 
-    /// Its arm, if it differs from the drawing.
+    /// Returns the cell's arm, if it differs from the nominal geometry.
     pub fn real_arm(&self) -> Option<&RealArm> {
         self.arm.as_ref()
     }
 
-    /// The pose that the controller reports while the flange truly is here; `None` if the arm cannot reach it.
+    /// Returns the pose that the controller reports if this is the flange's true pose; `None` if the arm cannot reach
+    /// it.
     pub fn reported(&self, base_from_flange: &Rigid<Base, Flange>) -> Option<Reported> {
         match &self.arm {
             None => Some(Reported { base_from_flange: *base_from_flange, joints: None }),
@@ -121,17 +122,18 @@ impl Cell {
         }
     }
 
-    /// The same cell with films as hard to read as `spec` states.
+    /// Returns the same cell with films of the difficulty that `spec` states.
     pub fn with_films(self, spec: FilmSpec) -> Self {
         Cell { film: spec, ..self }
     }
 
-    /// The same cell with a panel that bows by this much today, mm: its middle lies in front of its taught place.
+    /// Returns the same cell with a panel that bows by this much today, mm: the panel's middle lies in front of its
+    /// taught position.
     pub fn bowed(self, bow_mm: f64) -> Self {
         Cell { present: self.present.map(|panel| panel.bowed(bow_mm)), ..self }
     }
 
-    /// The same panel at another place; 0 is its place after [`Cell::new`].
+    /// Returns the cell with the same panel at another pose; 0 is its pose after [`Cell::new`].
     pub fn placed(self, place: u32) -> Self {
         Cell { base_from_panel: scene::displaced(self.seed, place), ..self }
     }
@@ -167,7 +169,7 @@ impl Cell {
         (drawing::mesh(&self.taught), Rigid::claim(base_from_drawing))
     }
 
-    /// The scan of the objects that are in the cell later, dry.
+    /// Returns the dry scan of the objects that are in the cell after teaching.
     pub fn scan(&self) -> OrganizedCloud<Camera> {
         self.shot(self.present.as_ref().map(|shape| (shape, &self.base_from_panel)), 1)
     }
@@ -260,8 +262,8 @@ impl Cell {
         self.film_as(spots, &self.film, 0)
     }
 
-    /// A test of the panel with these spots, as hard to read as `spec` states; `index` distinguishes the films of
-    /// one cell.
+    /// Returns a water-break test of the panel with these spots, with the difficulty that `spec` states; `index`
+    /// distinguishes the films of one cell.
     pub fn film_as(&self, spots: &[Spot], spec: &FilmSpec, index: u64) -> Film {
         let view = self.scanner_view(self.present.as_ref().map(|shape| (shape, &self.base_from_panel)));
         let seed = self.seed.child(Purpose::Film, spots.len() as u64 + (index << 8));
@@ -273,7 +275,7 @@ impl Cell {
         self.film_sanded_as((left, &self.spots), sanding, &self.film, index)
     }
 
-    /// The same, as hard to read as `spec` states; `stained` is the grease before sanding.
+    /// Returns a test after sanding with the difficulty that `spec` states; `stained` is the grease before sanding.
     pub fn film_sanded_as(
         &self,
         (left, stained): (&[Spot], &[Spot]),
@@ -294,7 +296,7 @@ impl Cell {
         sanding.add_track(&places, radius_mm, (self.seed, look));
     }
 
-    /// Adds a pass over these areas of the panel, each the corners of a quadrilateral.
+    /// Adds a pass over these areas of the panel, each given by the corners of a quadrilateral.
     pub fn sand_areas(&self, sanding: &mut Sanding, areas: &[[Point<Panel>; 4]], look: SandedLook) {
         let shape = self.present.as_ref().unwrap_or(&self.taught);
         let quads: Vec<_> = areas.iter().map(|area| area.map(|corner| shape.nearest(corner).0)).collect();

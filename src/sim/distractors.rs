@@ -38,7 +38,7 @@ impl Slab {
         Slab { base_from_slab: upright * spin, half_mm, color }
     }
 
-    /// Looks along a ray of the base frame. `pixel_rad` is the angle of one pixel.
+    /// Intersects a ray of the base frame with the slab. `pixel_rad` is the angle of one pixel.
     pub fn look(&self, origin: &Point3<f64>, ray: &Vector3<f64>, pixel_rad: f64) -> Option<Met> {
         let from = self.base_from_slab.inverse_transform_point(origin);
         let along = self.base_from_slab.inverse_transform_vector(ray);

@@ -51,14 +51,14 @@ pub struct Film {
     seed: Seed,
 }
 
-/// The content of the panel's surface when its film begins.
+/// The grease and dust on the panel when its film begins.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct OnPanel<'a> {
     /// The grease now.
     pub spots: &'a [Spot],
-    /// The grease now or earlier: it leaves a stain.
+    /// The present and the earlier grease: each spot leaves a stain.
     pub stained: &'a [Spot],
-    /// Water has washed the dust off already.
+    /// Whether water has already washed the dust off.
     pub washed: bool,
 }
 
@@ -251,7 +251,8 @@ impl<'a> Stains<'a> {
         let factor = |(spot, factor): &(&Spot, f64)| {
             let [s, t] = spot.centre_mm();
             let is_near = (place[0] - s).hypot(place[1] - t) < spot.radius_mm();
-            // A stain has a soft edge: it has its full strength from a tenth of the way inwards.
+            // A stain has a soft edge: it reaches its full strength at a tenth of the distance from the outline to the
+            // centre.
             let share = if is_near { ((1.0 - spot.reach(place).0) / 0.1).clamp(0.0, 1.0) } else { 0.0 };
             1.0 + share * (factor - 1.0)
         };

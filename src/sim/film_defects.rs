@@ -23,9 +23,9 @@ pub struct Spot {
     pub breaks_at_s: f64,
     /// Time in which the break grows from the centre to the outline, s.
     pub grows_s: f64,
-    /// When the film closes over it again, s of the film; infinite if it does not.
+    /// Time at which the film closes over the spot again, s of the film; infinite if it does not.
     pub closes_at_s: f64,
-    /// How it differs from the breaking described above.
+    /// The kind of the spot: how its film differs from the break described above.
     pub kind: SpotKind,
 }
 
@@ -43,12 +43,12 @@ pub enum SpotKind {
 /// The grease of a film.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Grease {
-    /// Spots from 25 to 600 mm², of every kind: `count` of them. The film of the last ones breaks at `until_s`, s
-    /// of the film.
+    /// `count` spots from 25 to 600 mm², of every kind. A film that breaks on a spot has broken there completely by
+    /// `until_s`, s of the film.
     Mixed {
         /// Places.
         count: usize,
-        /// Time at which the last film is completely broken, s of the film.
+        /// Time by which the last film is completely broken, s of the film.
         until_s: f64,
     },
     /// One spot that covers this share of the panel, 0…1.
@@ -63,7 +63,7 @@ pub enum Grease {
 /// Distance of the spots from the panel's outline, in addition to their own radius, mm: they lie inside the region.
 const MIXED_EDGE_MM: f64 = 18.0;
 
-/// The places that `grease` specifies on this panel; its film is whole from `wet_from_s` on.
+/// Returns the spots that `grease` specifies on this panel; the panel's film is whole from `wet_from_s` on.
 pub(super) fn greased(seed: Seed, shape: &Shape, wet_from_s: f64, grease: &Grease) -> Vec<Spot> {
     match *grease {
         Grease::Mixed { count, until_s } => mixed(seed, shape, count, (wet_from_s, until_s)),
@@ -134,7 +134,7 @@ fn covering(share: f64, kind: SpotKind) -> Spot {
 const EDGE_DISTANCE_MM: f64 = 42.0;
 const SPOT_DISTANCE_MM: f64 = 52.0;
 
-/// Two to four spots on this panel; its film is whole from `wet_from_s` on.
+/// Draws two to four spots on this panel at random; the panel's film is whole from `wet_from_s` on.
 pub(super) fn draw(seed: Seed, shape: &Shape, wet_from_s: f64) -> Vec<Spot> {
     let mut random = seed.stream(Purpose::Spots, 0);
     let count = random.random_range(2..=4);
@@ -171,8 +171,8 @@ impl Spot {
         self.centre.into()
     }
 
-    /// Returns the position between centre and outline as a share of that way, and the rest of the way in mm,
-    /// negative outside.
+    /// Returns the position between the spot's centre and its outline as a fraction of that distance, and the
+    /// remaining distance to the outline in mm, negative outside.
     pub(super) fn reach(&self, place: [f64; 2]) -> (f64, f64) {
         let away = Vector2::from(place) - self.centre;
         let flat = (self.turn.inverse() * away).component_div(&self.half_axes_mm);

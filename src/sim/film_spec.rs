@@ -20,13 +20,13 @@ pub struct FilmSpec {
     pub glints: usize,
     /// Number of drops at a time that run down the panel.
     pub drops: usize,
-    /// Beads that stay on each place with a broken film.
+    /// Number of beads that stay on each place with a broken film.
     pub beads: usize,
     /// Additional darkening by a new film compared with an older film, as a share.
     pub thinning: f64,
     /// A place with a broken film returns to at least this share of its dry brightness: 1 is wholly dry.
     pub damp: f64,
-    /// Droplets that stay on a place with a broken film, on 100 mm².
+    /// Number of droplets per 100 mm² that stay on a place with a broken film.
     pub droplets: f64,
     /// Dust on the panel before the first water, which washes it off: it changes the brightness by up to this share.
     pub dust: f64,

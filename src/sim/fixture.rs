@@ -45,7 +45,7 @@ pub(super) struct Background {
     pub color: [f64; 3],
 }
 
-/// Looks along a ray of the base frame. `pixel_rad` is the angle of one pixel.
+/// Returns the fixture or the hall as a ray of the base frame meets it. `pixel_rad` is the angle of one pixel.
 pub(super) fn look(origin: &Point3<f64>, ray: &Vector3<f64>, pixel_rad: f64) -> Background {
     let mut color = [0.0; 3];
     let mut open = 1.0;

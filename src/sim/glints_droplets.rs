@@ -9,7 +9,7 @@ use rand::RngExt;
 use rand_pcg::Pcg64;
 use std::f64::consts::TAU;
 
-/// The panel's pixels: the area in which travellers start, and the size of a millimetre.
+/// The panel's pixels: the area in which glints and drops start, and the size of a millimetre in pixels.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Ground {
     pub low_px: [f64; 2],
@@ -58,7 +58,7 @@ impl Travellers {
         } else {
             (logarithmic(&mut random, 8.0, 60.0), random.random_range(0.9..2.2))
         };
-        // Glints move in any direction that is more down than up; drops run down.
+        // Glints move downwards, sideways or slightly upwards; drops run down.
         let aside_rad = if glint { random.random_range(-1.8..1.8) } else { random.random_range(-0.15..0.15) };
         let (swell, beat) = (random.random_range(0.0..0.9), TAU * random.random_range(0.3..1.5));
         let gone_px = speed_mm_s * self.ground.px_per_mm * (age_s + swell * (beat * age_s).sin() / beat);
@@ -77,7 +77,7 @@ fn logarithmic(random: &mut Pcg64, low: f64, high: f64) -> f64 {
 }
 
 impl Spotted {
-    /// Adds the light of a glint along one row: Gaussian.
+    /// Adds the light of a glint along one row; its profile is Gaussian.
     pub fn shine(&self, row: usize, first_column: usize, levels: &mut [f32]) {
         let (reach, dv) = (3.0 * self.radius_px, row as f32 - self.centre_px[1]);
         for (column, level) in self.columns(dv, reach, first_column, levels) {

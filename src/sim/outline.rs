@@ -78,7 +78,7 @@ impl Outline {
         if distance < 1e-9 { (-self.rounding_mm, normal) } else { (distance - self.rounding_mm, away / distance) }
     }
 
-    /// The vector from the nearest place of the inner polygon to a point outside of it.
+    /// Returns the vector from the nearest point of the inner polygon to a point outside this polygon.
     fn away_from_core(&self, point: Vector2<f64>) -> Vector2<f64> {
         let mut nearest = Vector2::repeat(f64::INFINITY);
         for (a, b) in pairs(&self.core) {
@@ -98,7 +98,8 @@ impl Outline {
             let steps = ((b - a).norm() / spacing_mm).ceil().max(1.0) as usize;
             (0..steps).map(move |i| a + (b - a) * (i as f64 / steps as f64))
         });
-        // Near a corner the straight edges lie outside the rounding: step back along the distance's direction.
+        // Near a corner the straight edges lie outside the rounding: these points are moved back along the direction
+        // of the distance.
         dense
             .map(|point| {
                 let (distance, direction) = self.outer_distance(point);

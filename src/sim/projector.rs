@@ -1,7 +1,7 @@
 //! The projector of the 3D camera, and the surfaces that its light does not reach.
 //!
-//! A Zivid measures a point only if both its camera and its projector see it. The projector of a Two M70 is b = 111
-//! mm to the right of the lens and is turned by 0.113 rad towards its axis. A pixel has no point if its surface
+//! A Zivid measures a point only if both its camera and its projector see it. The projector of a Two M70 is b = 111 mm
+//! to the right of the lens and is turned by 0.113 rad towards its axis. A pixel has no point if its surface
 //! - lies outside of the projector's picture,
 //! - looks away from the projector, or
 //! - is in shadow: another object is on the line to the projector, nearer to it by over 0.5 % of the depth.
@@ -11,11 +11,11 @@
 //!     w ≈ b d / (z − d),                                                                                  (1)
 //! on the side that faces away from the projector. Colours have the room's light and no such shadows.
 //!
-//! Lines are followed to the surfaces themselves, not to a depth map: no ragged rims, no slanted surface in its own
-//! shadow. Not simulated: half-shadows, light from surface to surface, and the panel's shadow on itself, because
-//! the panel is too shallow for it. Source: geometry and rule of the vendor's own simulation,
-//! github.com/zivid/zivid-isaac-sim (camera_calibration.py, zivid_camera.py); for the M70 it keeps the projector's
-//! picture four times coarser.
+//! Lines of sight end at the surfaces themselves, not at a depth map. Therefore rims are not ragged, and no slanted
+//! surface is in its own shadow. Not simulated: half-shadows, light from surface to surface, and the panel's shadow on
+//! itself, because the panel is too shallow for it. Source: geometry and rule of the vendor's own simulation,
+//! github.com/zivid/zivid-isaac-sim (camera_calibration.py, zivid_camera.py); for the M70 the vendor's simulation
+//! computes the projector's picture four times coarser.
 
 use super::cast::{PanelHit, PanelView};
 use super::distractors::Slab;
@@ -116,7 +116,8 @@ struct Screen {
     centre: Vector3<f64>,
     axes: [Vector3<f64>; 3],
     half_mm: [f64; 2],
-    /// It stops the light if its share of the line to a point is below this.
+    /// The rectangle blocks the light to a point if the line from the projector to the point meets the rectangle
+    /// before this fraction of its length.
     reach: f64,
 }
 
@@ -131,7 +132,7 @@ impl Screen {
         Screen { centre, axes, half_mm: slab.half_mm, reach }
     }
 
-    /// Is it between the projector and this point?
+    /// Returns whether the rectangle is between the projector and this point.
     fn stops(&self, point: &Vector3<f64>) -> bool {
         let share = self.axes[2].dot(&self.centre) / self.axes[2].dot(point);
         if !(share > 0.0 && share < self.reach) {

@@ -37,7 +37,7 @@ const GEAR_PERIODS: [f64; 3] = [3.0, 4.0, 5.0];
 pub struct Reported {
     /// The flange's pose that the controller reports.
     pub base_from_flange: Rigid<Base, Flange>,
-    /// The axes, if the arm differs from the drawing.
+    /// The axis angles, if the arm differs from the nominal geometry.
     pub joints: Option<Joints>,
 }
 
@@ -115,8 +115,8 @@ impl RealArm {
         self.base_from_flange(joints) * Rigid::claim(Isometry3::translation(0.0, 0.0, TOOL_LENGTH_MM))
     }
 
-    /// The axes that bring the flange truly there, found from `near`, without regard to their limits; `None` if
-    /// they do not converge.
+    /// Returns the axis angles at which the flange truly has this pose, searched from `near`, without regard to the
+    /// axes' limits; `None` if the search does not converge.
     pub fn reaching(&self, base_from_flange: &Rigid<Base, Flange>, near: &Joints) -> Option<Joints> {
         let wanted = base_from_flange.isometry();
         let off = |joints: &Joints| -> SVector<f64, 6> {
@@ -148,8 +148,8 @@ impl RealArm {
 }
 
 impl RealArm {
-    /// The pose that the controller reports while the flange truly is here. `None` if the arm cannot reach it with
-    /// its elbow up and its wrist not turned over, within the limits of its axes.
+    /// Returns the pose that the controller reports if this is the flange's true pose. `None` if the arm cannot reach
+    /// it with its elbow up and its wrist not turned over, within the limits of its axes.
     pub fn reported(&self, base_from_flange: &Rigid<Base, Flange>) -> Option<Reported> {
         let within = |joints: &Joints| {
             joints.degrees().iter().zip(IN_WORK_DEG).all(|(angle, [least, most])| (least..=most).contains(angle))
@@ -180,7 +180,7 @@ const CONVERGENCE_MM: f64 = 1e-7;
 /// Largest turn of an axis in one step.
 const MAX_STEP_DEG: f64 = 15.0;
 
-/// The flange's pose according to the drawing: the pose that the controller reports.
+/// Returns the flange's pose according to the nominal geometry: the pose that the controller reports.
 pub fn drawn_flange(joints: &Joints) -> Rigid<Base, Flange> {
     chain(&turns_rad(joints), &DRAWN_MM, &[[0.0; 2]; 5])
 }

@@ -30,7 +30,7 @@ pub(super) struct Drift<'a> {
 }
 
 impl Runoff {
-    /// Draws the pattern: narrow across, long down.
+    /// Creates the pattern at random: its streaks are narrow across the panel and long from top to bottom.
     pub fn new(seed: Seed) -> Self {
         const ACROSS: usize = 4;
         const DOWN: usize = 64;
@@ -58,7 +58,7 @@ impl Runoff {
         [s, t].map(|mm| (mm + 256.0).round().clamp(0.0, 511.0) as u16)
     }
 
-    /// Returns the pattern as moved until this time of the film, s.
+    /// Returns the pattern as it has moved by this time of the film, s.
     pub fn at(&self, time_s: f64) -> Drift<'_> {
         let since_wet_s = (time_s - WET_FROM_S).max(0.0) as f32;
         let amplitude = STREAK_LAST + (STREAK_FIRST - STREAK_LAST) * (-since_wet_s / STREAK_FADES_S).exp();

@@ -1,9 +1,9 @@
-//! How sanding changes the look of the panel.
+//! The change of the panel's appearance by sanding.
 //!
 //! A disc removes the gloss and the weave and leaves scratches: the place becomes lighter or darker, and a film
-//! removes another share of its light. Each pass of the disc has other factors, and its rim has others than its
-//! middle. The factors are drawn from harmless to worse than reported of real panels: no measured set of sanded
-//! composite under a film is known.
+//! removes a different share of its light. Each pass of the disc has its own factors, and they differ between the rim
+//! and the middle of the pass. The factors are drawn from harmless to worse than reported of real panels: no
+//! measurements of sanded composite under a film are known.
 
 use super::noise::{Purpose, Seed};
 use rand::RngExt;
@@ -12,22 +12,22 @@ use rand::RngExt;
 /// directions.
 const CELLS: usize = 512;
 const HALF_MM: f64 = 256.0;
-/// Width of the transition of the look at the edge of the area that the disc covered, mm.
+/// Width of the transition of the appearance at the edge of the area that the disc covered, mm.
 const SOFT_MM: f64 = 0.8;
 
-/// The look of one point compared with the panel as made.
+/// The appearance of one point compared with the panel as made.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Appearance {
     /// Factor of the dry brightness, by channel.
     pub albedo: [f64; 3],
     /// Share of the weave's contrast that is left.
     pub weave: f64,
-    /// Exponent for the usual share of light that a film leaves.
+    /// Exponent that is applied to the usual share of light that a film leaves.
     pub film: f64,
 }
 
 impl Appearance {
-    /// The look of an untreated point.
+    /// The appearance of an untreated point.
     pub const AS_MADE: Appearance = Appearance { albedo: [1.0; 3], weave: 1.0, film: 1.0 };
 
     fn mixed(self, other: &Appearance, share: f64) -> Appearance {
@@ -56,7 +56,7 @@ pub struct Sanding {
     passes: Vec<Pass>,
 }
 
-/// How strongly sanding changes the look.
+/// The strength with which sanding changes the appearance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SandedLook {
     /// The least and the largest factor of the dry brightness.
@@ -64,7 +64,7 @@ pub struct SandedLook {
 }
 
 impl SandedLook {
-    /// The expected look of a real disc's work.
+    /// The expected appearance after the work of a real disc.
     pub const USUAL: SandedLook = SandedLook { albedo: [0.7, 1.4] };
     /// From less than half of the brightness to almost twice the brightness.
     pub const WORST: SandedLook = SandedLook { albedo: [0.4, 1.8] };
@@ -123,7 +123,7 @@ impl Sanding {
         self.passes.iter().any(|pass| pass.depth_at(place) > -margin_mm)
     }
 
-    /// Returns the present look of a point of the sheet: a later pass covers the earlier passes.
+    /// Returns the present appearance of a point of the sheet: a later pass covers the earlier passes.
     pub(super) fn look(&self, place: [f64; 2]) -> Appearance {
         self.passes.iter().fold(Appearance::AS_MADE, |look, pass| {
             let depth = pass.depth_at(place);

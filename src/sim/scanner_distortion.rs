@@ -1,11 +1,11 @@
-//! The error of a poorly calibrated 3D camera in each of its scans: a smooth error of 1/z over its picture, the
-//! same each time.
+//! The error of a poorly calibrated 3D camera in each of its scans: a smooth error of 1/z over its picture, the same
+//! each time.
 //!
 //! With the picture's half width and half height as units, the depth error at 700 mm is
 //!     c = A (X² − 0.6 Y² + 0.5 sin(2.2 X + 1.3 Y + φ)),   1/z_measured = 1/z − c / (700 mm)²,
-//! a bow of opposite signs with a wave over it. Zivid states a dimension trueness of 0.2 %, and 0.06 mm of local
-//! planarity, for the Two M70; public scans of a poorly calibrated camera bow by 1.5 to 3.4 mm. The program does
-//! not use this formula.
+//! a bow with opposite signs along X and Y, and a wave added to it. Zivid states a dimension trueness of 0.2 %, and
+//! 0.06 mm of local planarity, for the Two M70; public scans of a poorly calibrated camera bow by 1.5 to 3.4 mm. The
+//! program does not use this formula.
 
 use crate::geometry::{Camera, OrganizedCloud};
 

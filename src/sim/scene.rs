@@ -137,7 +137,7 @@ pub(super) fn displaced(seed: Seed, place: u32) -> Rigid<Base, Panel> {
     Rigid::claim(Isometry3::from_parts(Translation3::from(centre + shift - turned * centre), turned))
 }
 
-/// The view of a panel's corner in which it is taught to the flange camera.
+/// The view of a panel's corner from which the corner is taught to the flange camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CornerView {
     /// The name of the corner in the picture: the direction from the panel's inside to the corner.

@@ -11,7 +11,8 @@ use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vecto
 use rand::RngExt;
 use rand_pcg::Pcg64;
 
-/// The panel's centre, in the panel's frame: its place in front of the robot if that frame is the base.
+/// The panel's centre, in the panel's frame. If this frame coincides with the base, it is the panel's position in
+/// front of the robot.
 pub(super) const CENTRE_MM: [f64; 3] = [560.0, 0.0, 360.0];
 
 /// Distance from the middle of the taught panel to its ends along s, mm, approximate.
@@ -85,7 +86,7 @@ pub struct Bend {
     pub bow_mm: f64,
     /// Distance from the middle to the ends, mm.
     pub half_mm: f64,
-    /// The direction from end to end on the sheet, from its s axis, rad.
+    /// The direction from one end to the other on the sheet, measured from the sheet's s axis, rad.
     pub along_rad: f64,
     /// Half the wave's height, mm.
     pub wave_mm: f64,
@@ -243,8 +244,9 @@ impl Shape {
         Vector3::new(-slope_s, -slope_t, 1.0).normalize()
     }
 
-    /// The nearest place of the surface, as a place of the sheet, and the signed distance from it along the outward
-    /// normal, mm. Correct for points within about 100 mm, which have only one nearest place.
+    /// Returns the nearest point of the surface, in sheet coordinates, and the signed distance of the given point from
+    /// this nearest point along the outward normal, mm. Valid for points within about 100 mm of the surface, which
+    /// have only one nearest point.
     pub fn nearest(&self, point: Point<Panel>) -> ([f64; 2], f64) {
         let target = self.panel_from_sheet.inverse() * point.mm;
         let (mut s, mut t) = (target.x, target.y);

@@ -20,14 +20,14 @@ pub struct Target {
     pub base_from_board: Rigid<Base, Board>,
     /// Its known pose.
     pub known_base_from_board: Rigid<Base, Board>,
-    /// The flange's pose when its camera looks; without meaning for the fixed camera.
+    /// The flange's pose at which the flange camera takes its picture; without meaning for the fixed camera.
     pub base_from_flange: Rigid<Base, Flange>,
     /// The camera's picture of the board.
     pub picture: GrayPicture,
 }
 
 impl Target {
-    /// The print of the board: 5 × 4 inner corners, 40 mm.
+    /// The print of the board: 5 × 4 inner corners, squares of 40 mm.
     pub fn print() -> BoardPrint {
         BoardPrint::chessboard(5, 4, 40.0)
     }

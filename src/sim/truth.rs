@@ -84,7 +84,7 @@ impl Truth {
             .collect()
     }
 
-    /// Mean and largest distance between the surface at a found place and the true surface, mm.
+    /// Mean and largest distance between the surface at a found pose and the true surface, mm.
     pub fn placement_error_mm(&self, found: &Rigid<Base, Panel>) -> PlacementError {
         let points = self.surface_points();
         let errors = points.iter().map(|&point| self.base_from_panel.distance_at_mm(*found, point));

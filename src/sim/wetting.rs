@@ -1,9 +1,9 @@
 //! One pixel of the panel under water: when it becomes wet, and when its film breaks and closes again.
 //!
-//! Let r be the share that water has reached, q the share of the pixel that is greasy, and b the share of a bead or
-//! droplet on it. Let o and c be how far the film has opened and closed. Each is 0…1 and linear in time. The film
-//! of the pixel is  r (1 − q (1 − b) o (1 − c)). The part without film is the bare surface: under dust until water
-//! has reached it, then washed, and damp by its spot's share.
+//! Let r be the share of the pixel that water has reached, q the share that is greasy, and b the share that a bead or
+//! droplet covers. Let o and c be the degrees to which the film has opened and closed. Each is 0…1 and linear in time.
+//! The film of the pixel is  r (1 − q (1 − b) o (1 − c)). The part without film is the bare surface: under dust until
+//! water has reached it, then washed, and as damp as its spot is.
 
 use super::appearance::Color;
 use super::film_defects::{Spot, SpotKind};
@@ -16,7 +16,7 @@ use rand::RngExt;
 /// Time that the front needs from the panel's top to its bottom, s, and the unevenness of its arrival.
 const FRONT_S: f64 = 2.3;
 const FRONT_UNEVEN_S: f64 = 0.12;
-/// Times that a place needs to become wet, its film to open, and to close again, s.
+/// Times in which a place becomes wet, its film opens, and its film closes again, s.
 const WETTING_S: f64 = 0.2;
 const OPENING_S: f64 = 0.15;
 const CLOSING_S: f64 = 0.4;
@@ -27,7 +27,7 @@ const MAX_DROPLETS: usize = 60;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Wetted {
     pub wet: Color,
-    /// Colour washed and without film: damp, if the pixel is greasy.
+    /// Colour after the dust was washed off, without a film; that of a damp place if the pixel is greasy.
     pub bare: Color,
     wet_from_s: f32,
     /// Infinite if there is no grease.

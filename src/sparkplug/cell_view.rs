@@ -8,14 +8,14 @@ use crate::packml::{UnitMode, UnitState};
 pub struct CellView {
     /// The loop's present values.
     pub now: LoopView,
-    /// The values of the store and the disk, a little later.
+    /// The values of the store and the disk, which may be older than the loop's values.
     pub kept: StoreView,
 }
 
 /// The loop's present values; all empty if the loop does not answer.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct LoopView {
-    /// The state of the cycle's table.
+    /// The state of the cycle's state machine.
     pub table: Option<State>,
     /// The phase, or the phase in which a held cycle continues.
     pub phase: Option<String>,

@@ -50,7 +50,7 @@ impl NodeCommand {
         }
     }
 
-    /// The request to the cycle's table.
+    /// Returns the request to the cycle's state machine.
     pub fn request(self) -> Option<Request> {
         match self {
             NodeCommand::Rebirth => None,
@@ -60,7 +60,7 @@ impl NodeCommand {
         }
     }
 
-    /// The offered commands: all, if commands to the cell are allowed.
+    /// Returns the offered commands: all if commands to the cell are allowed, otherwise only the rebirth.
     pub(super) fn offered(commands_allowed: bool) -> impl Iterator<Item = NodeCommand> {
         let is_offered = move |command: &NodeCommand| commands_allowed || *command == NodeCommand::Rebirth;
         NodeCommand::VARIANTS.iter().copied().filter(is_offered)
@@ -82,7 +82,7 @@ pub enum CommandError {
         /// Number of metrics in the message.
         found: usize,
     },
-    /// It contains no request.
+    /// The message contains no request.
     #[error("the message has no metric; write true to one of: {allowed}")]
     Empty {
         /// The metrics that may be written.

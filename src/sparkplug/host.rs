@@ -7,7 +7,7 @@ use serde::Deserialize;
 pub struct HostState {
     /// Whether the host is online.
     pub online: bool,
-    /// The connection to which the statement refers, as its time, ms since 1970.
+    /// The connection to which the statement refers, identified by its time, ms since 1970.
     pub timestamp: u64,
 }
 

@@ -1,12 +1,12 @@
-//! Limits for messages from a broker: a flood neither fills the audit trail nor uses up the loop's turns, and never
-//! swallows a stop.
+//! Limits for messages from a broker: a flood neither fills the audit trail nor uses up the loop's turns, and no stop
+//! is lost in it.
 
 use super::command::NodeCommand;
 use crate::accounts::MostLines;
 use std::collections::BTreeMap;
 
-/// The shortest time between two passings of the same command, ms. An earlier one is passed on when that time is
-/// over: no stop is lost.
+/// Shortest time after which the same command is passed on again, ms. A command that arrives earlier waits until this
+/// time is over: no stop is lost.
 const MIN_INTERVAL_MS: u64 = 1_000;
 /// Limits of lines in the audit trail per minute: for executed and for refused commands.
 pub(super) const LINES: MostLines = MostLines { done: 60, refused: 20 };

@@ -1,5 +1,5 @@
 //! The metrics: each with its name, its type, its meaning and the source of its value. The alias of a metric is its
-//! place in the table, from 1, so that it stays the same as long as new ones are added at the end.
+//! position in the table, from 1, so that it stays the same as long as new metrics are added at the end.
 
 use super::cell_view::{CellView, unit_mode, unit_state};
 use super::value::{DataType, Value};
@@ -27,7 +27,7 @@ const fn metric(
 
 use DataType::{Double, Int64, String};
 
-/// All metrics of the cell, except those that are written to.
+/// All metrics of the cell, except those that a host may write.
 pub const METRICS: [Definition; 29] = [
     metric("Properties/program", String, "the program and its version", |_| {
         Value::Text(concat!("panelprep ", env!("CARGO_PKG_VERSION")).to_owned())

@@ -1,13 +1,13 @@
-//! The edge node: its messages to the broker, and its handling of received messages. Events in, acts out; it uses
-//! no socket and no clock.
+//! The edge node: its messages to the broker, and its handling of received messages. It converts events to actions,
+//! and uses no socket and no clock.
 //!
 //! ```text
 //! Connecting ─ Connected ─ (primary host online) ─ NBIRTH ─ NDATA at each change ─ NDEATH
 //! ```
 //!
 //! The death message is registered at the broker before anything else, as the will of the connection. It has the
-//! number (`bdSeq`) that the births of the same connection carry. Births and data are counted by `seq` from 0 to
-//! 255 and again from 0.
+//! number (`bdSeq`) that the births of the same connection carry. Births and data are counted by `seq` from 0 to 255
+//! and again from 0.
 
 use super::command::{NodeCommand, commands};
 use super::host::{HostState, PrimaryHost};
@@ -69,7 +69,8 @@ pub enum Event<'m> {
 pub enum NodeAction {
     /// To publish a message, not retained.
     Publish(Message),
-    /// To request it of the cell, by the same request and gates as every front.
+    /// To request a command of the cell, with the same request and the same checks as every other interface of the
+    /// cell.
     Ask {
         /// For what.
         command: NodeCommand,
@@ -100,7 +101,7 @@ pub struct AuditNote {
     pub what: String,
     /// The object of the attempted action.
     pub subject: Option<String>,
-    /// Why it was refused; `None` if it was done.
+    /// Why the action was refused; `None` if it was done.
     pub refused: Option<String>,
 }
 
@@ -167,7 +168,7 @@ impl EdgeNode {
         self.session == Session::Born
     }
 
-    /// Returns whether a rebirth is due, and data are retained until then.
+    /// Returns whether a rebirth is due; data are held back until then.
     pub fn waits_for_rebirth(&self) -> bool {
         self.commands.waits(NodeCommand::Rebirth)
     }
@@ -206,7 +207,7 @@ impl EdgeNode {
         Metric::new(&number, now.unix_ms).named("bdSeq", DataType::Int64)
     }
 
-    /// The next message to the broker: a birth if it has received nothing yet, else the changes.
+    /// The next message to the broker: a birth if it has received none in this connection, otherwise the changes.
     fn next_message(&mut self, now: Now) -> Option<NodeAction> {
         let may_publish = self.setup.ids.primary_host_id.is_none() || self.host.is_online();
         match self.session {
@@ -327,7 +328,7 @@ impl EdgeNode {
             return self.refuse("host state", None, refused);
         };
         self.host = self.host.with_state(state);
-        // A node that has published nothing yet continues to wait at this broker: there is only one.
+        // A node that has published nothing yet continues to wait at this broker, because there is only one broker.
         match self.session == Session::Born && !self.host.is_online() {
             true => self.die(now),
             false => vec![],

@@ -17,11 +17,12 @@ use crate::verdict::{Judgement, SetBy, Severity};
 /// Allowed distance of a reported pose from the planned lines where these are straight, mm: the remaining error of
 /// the drives.
 const OFF_PATH_MM: f64 = 1.0;
-/// An executed grid may be covered by this share less than planned: reports are some millimetres apart.
+/// The covered share of an executed grid may be smaller than planned by this much: the reported poses are some
+/// millimetres apart.
 const SHORT_OF_PLAN: f64 = 0.01;
 
-/// Largest ratio of a grid's time under the disc to the planned time before a person must look: bends and short
-/// lines are driven more slowly than their feed.
+/// Largest ratio of a grid's time under the disc to the planned time; above it, a person must review the result. In
+/// bends and on short lines the arm is slower than the planned feed.
 const LONGER_REVIEW: f64 = 1.35;
 /// From this factor on, the path's removal is not the planned one.
 const LONGER_REJECT: f64 = 1.6;
@@ -36,7 +37,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Was the whole path executed?
+    /// Returns whether the whole path was executed.
     pub fn is_whole(self) -> bool {
         self.done >= self.waypoints
     }
@@ -127,7 +128,7 @@ impl Abraded {
     fn checks(&self) -> [Check; 4] {
         let Progress { waypoints, done } = self.progress;
         let (off_mm, allowed_mm, begun) = (self.walked.off_mm, self.off_limit_mm, self.begun.len() as f64);
-        // This is not expected of a path that was cut short.
+        // Full coverage is not expected of a path that was cut short.
         let is_not_covered = self.progress.is_whole() && begun > 0.0;
         [
             Check::new(name::EXECUTED, "", f64::from(done))
@@ -158,8 +159,8 @@ impl Abraded {
         ]
     }
 
-    /// The time of the disc, compared with its plan. The covered share of a grid does not measure this: a slow
-    /// robot covers everything.
+    /// Checks the time under the disc against the planned time. The covered share of a grid does not show a long time:
+    /// a slow robot covers everything.
     fn longer_check(&self) -> Check {
         let Some(Longer { id, ratio }) = self.longer else { return Check::new(name::LONGER, "", None) };
         let severity = if ratio <= LONGER_REJECT { Severity::Review } else { Severity::Reject };
@@ -176,7 +177,7 @@ impl Abraded {
         )
     }
 
-    /// The force of a compliant tool at poses meant to be on the panel; empty for another tool.
+    /// Returns the force of a compliant tool at the poses that are meant to be on the panel; empty for another tool.
     fn forces(&self) -> Vec<Check> {
         let on_panel = self.walked.poses.iter().filter(|pose| pose.contact);
         let forces_n: Vec<f64> = on_panel.filter_map(|pose| pose.force_n).collect();
@@ -229,15 +230,15 @@ impl Abraded {
     }
 }
 
-/// The gate's verdict on the executed path. A remaining rest of the path is no fault of the executed part: the
-/// cycle is then held or aborted, and the rest is planned again.
+/// The gate's verdict on the executed path. If a part of the path was not executed, this is no fault of the executed
+/// part: the cycle is then held or aborted, and the remaining part is planned again.
 pub fn of_executed(finding: &Finding) -> Judgement {
     Judgement::of_checks(finding.checks.iter().filter(|check| check.name != name::EXECUTED))
 }
 
-/// The grid with the largest ratio of executed to planned time under the disc. Compared are the mean and the time
-/// that 95 % of the grid has at most; the latter finds a long time in only a part of a grid. `None` if the disc
-/// touched nothing.
+/// The grid with the largest ratio of executed to planned time under the disc. The ratio is calculated for the mean
+/// time and for the 95 % quantile over the grid; the quantile finds a long time in only a part of a grid. `None` if
+/// the disc touched nothing.
 fn longest_beside(executed: &[GridDwell], planned: &[GridDwell]) -> Option<Longer> {
     let high_s = |grid: &GridDwell| grid.spread().map_or(0.0, |spread| spread.high_s);
     let of_grid = |grid: &GridDwell| {

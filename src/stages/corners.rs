@@ -1,8 +1,8 @@
 //! The results of the flange camera's pictures of taught corners: the correction of a localization, and just before
 //! contact whether the corners are still where the localization puts them.
 //!
-//! Each corner is looked for in its own picture. All corners together then correct the place, or confirm it: one
-//! corner alone is never the result if several were seen.
+//! Each corner is searched for in its own picture. All corners together then correct the panel's pose, or confirm it:
+//! one corner alone is never the result if several were seen.
 
 use super::Drawing;
 use crate::calib::health;
@@ -21,7 +21,7 @@ use serde_json::json;
 /// The most corners that are looked at: two determine the panel's shift and its turn, more add little.
 const MAX_CORNERS: usize = 2;
 
-/// The number of corners that a loop looks at if all of `taught` can be looked at.
+/// Returns the number of corners that a loop of views looks at if all `taught` corners can be seen.
 pub fn most(limits: &recipe::Corner, taught: usize) -> usize {
     MAX_CORNERS.min(limits.max_moves() + 1).min(taught)
 }
@@ -33,7 +33,7 @@ pub struct Taught<'a> {
     pub corners: &'a [TaughtCorner],
     /// The flange camera.
     pub camera: &'a PinholeCamera,
-    /// The part of its picture in which the camera's lens is known: nothing is measured elsewhere.
+    /// The part of the flange camera's picture in which its lens is calibrated: nothing is measured elsewhere.
     pub lens: &'a LensExtent,
     /// The recipe's `[corner]`.
     pub limits: &'a recipe::Corner,
@@ -59,12 +59,12 @@ pub struct Sighting {
 pub struct Progress {
     /// Number of moves after the first picture.
     pub moves: usize,
-    /// A corner has not been seen yet.
+    /// Whether a corner has not been seen yet.
     pub is_missing: bool,
 }
 
 impl Taught<'_> {
-    /// Finds a taught corner in the picture from a view; `place` is the assumed place of the panel.
+    /// Finds a taught corner in the picture from a view; `place` is the assumed pose of the panel.
     ///
     /// # Errors
     /// If the picture shows no corner of the panel.
@@ -79,7 +79,7 @@ impl Taught<'_> {
         Ok(Sighting { corner, taught: *taught, base_from_camera, found_px: found.corner_px, looked_for: place })
     }
 
-    /// The result of all sightings together for a place.
+    /// The result of all sightings together for an assumed pose of the panel.
     fn seen(&self, place: Rigid<Base, Panel>, sightings: &[Sighting]) -> Result<Refined, RefineError> {
         let views: Vec<CornerView<'_>> = sightings.iter().map(Sighting::view).collect();
         refine::refine(place, self.camera, &views)
@@ -113,8 +113,8 @@ impl Taught<'_> {
         Some(check.gives(Some(outside), Severity::Reject))
     }
 
-    /// Checks whether the corners are where `place` puts them. `unseen` states which of the corners that determine
-    /// the place cannot be seen again, if there are any.
+    /// Checks whether the corners are where `place` puts them. `unseen` states which of the corners that determine the
+    /// pose cannot be seen again, if there are any.
     ///
     /// # Errors
     /// As [`Taught::refine`].
@@ -132,8 +132,8 @@ impl Taught<'_> {
         Ok(Verification { checks, count, judgement })
     }
 
-    /// The corner in its picture, with the found position and the position according to a place; `None` if the
-    /// latter is not in front of the camera.
+    /// The corner in its picture, with the found position and the position according to a pose of the panel; `None` if
+    /// the latter position is not in front of the camera.
     pub fn drawn(
         &self,
         (sighting, picture): (&Sighting, &ColorPicture),
@@ -176,7 +176,7 @@ struct Views {
     progress: Progress,
     /// No view follows.
     is_last: bool,
-    /// The largest distance of a corner from the place where it was looked for, mm.
+    /// The largest distance of a corner from the position at which it was searched for, mm.
     step_mm: f64,
 }
 
@@ -190,11 +190,11 @@ impl Views {
         !self.progress.is_missing && self.is_settled(limits)
     }
 
-    /// The requirements on a loop of views: it comes to rest, within the allowed moves, and has seen all corners.
+    /// The requirements on a loop of views: it converges, within the allowed moves, and has seen all corners.
     fn checks(self, seen: usize, limits: &recipe::Corner) -> [Check; 3] {
         let (is_done, step_mm) = (self.is_done(limits), self.step_mm);
         let step = Check::new("corner from where it was looked for", "mm", step_mm);
-        // A loop that needs more leads to a move and another picture.
+        // A loop that has not yet converged is continued with a move and another picture.
         let step = if is_done || self.is_last {
             step.at_most(limits.settled_mm(), SetBy::recipe("corner.settled_mm"))
         } else {
@@ -281,7 +281,7 @@ impl Correction {
     }
 }
 
-/// How the panel is moved by the correction.
+/// Returns how far the correction moves the panel.
 fn of_motion(refined: &Refined) -> [Check; 3] {
     let [x_mm, y_mm] = refined.shift_mm;
     let first = refined.corners.first().map_or(String::new(), |corner| format!("corner {}", corner.corner + 1));
@@ -330,7 +330,8 @@ mod tests {
         Recipe::check("test.toml", text).unwrap_or_else(|problems| panic!("{problems}"))
     }
 
-    /// Two corners, each of which requires 1 mm, with 0.4 mm left: more than the 0.3 mm of one rigid panel.
+    /// A correction by two corners: each requires a shift of 1 mm, and a residual of 0.4 mm remains, more than the 0.3
+    /// mm that are allowed for one rigid panel.
     fn unlike() -> Refined {
         let expected_px = Pixel::at(0.0, 0.0);
         let report =
@@ -367,8 +368,8 @@ mod tests {
         }
     }
 
-    /// The doubts of a view that is followed by another are not doubts about the panel: no person is asked about
-    /// them.
+    /// Review findings of a view that is followed by another view are no findings about the panel: no person is asked
+    /// about them.
     #[test]
     fn a_view_that_another_one_follows_leaves_no_review() {
         let recipe = recipe();

@@ -60,7 +60,7 @@ impl Filming {
         Ok(Filming { watch, strip, last: None, opened: false })
     }
 
-    /// The panel's place was not given: see [`Watch::assume_place`].
+    /// Assumes the panel's pose, because none was given: see [`Watch::assume_place`].
     pub fn assume_place(&mut self) {
         self.watch.assume_place();
     }

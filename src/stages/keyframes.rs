@@ -33,7 +33,7 @@ impl Strip {
         Strip { bounds, lasts_s, opened_s: None, cuts: Vec::new() }
     }
 
-    /// Keeps the picture if the strip may need it.
+    /// Stores the picture if the strip may need it.
     pub fn see(&mut self, picture: &ColorPicture, step: &Step) {
         let Some(since_wet_s) = step.since_wet_s else { return };
         let opens = self.opened_s.is_none() && step.broken_mm2 > 0.0;

@@ -25,8 +25,8 @@ pub struct Located<'a> {
     prepared: Option<Prepared<'a>>,
 }
 
-/// Finds the taught panel in a scan and judges the result. A panel that is not found is a verdict, not an error.
-/// The panel's model applies to the range errors of this view.
+/// Finds the taught panel in a scan and judges the result. A panel that is not found is a verdict, not an error. The
+/// panel's model must have been created for the range errors of this view.
 pub fn locate<'a>(
     (panel, model): (&'a TaughtPanel, &'a Result<TaughtModel, LocateError>),
     view: View<'a>,

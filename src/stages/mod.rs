@@ -1,13 +1,13 @@
 //! The phases of a cycle, each written once: a function from inputs to a result of checks, drawings and data.
 //!
-//! A command that reads its inputs from files and the live loop that has just taken a picture call the same
-//! function. A stage has no access to camera, robot, store or clock: the caller takes the picture, calls the stage,
-//! measures its duration, records the result, and answers the cycle's table.
+//! A command that reads its inputs from files and the live loop that has just taken a picture call the same function.
+//! A stage has no access to camera, robot, store or clock: the caller takes the picture, calls the stage, measures its
+//! duration, records the result, and answers the cycle's state machine.
 //!
-//! - `locate`: the panel's place, by the 3D scan · `corners`: the correction by corner pictures, and the
-//!   verification before contact · `film`: the water-break test on the pictures of a film
-//! - `survey`: the surface, and the part of it that the arm reaches · `plan`: the path over some grids · `abrade`:
-//!   the executed path · `removal`: the removal by the path
+//! - `locate`: the panel's place, by the 3D scan · `corners`: the correction by corner pictures, and the verification
+//!   before contact · `film`: the water-break test on the pictures of a film
+//! - `survey`: the surface, and the part of the surface that the arm reaches · `plan`: the path over some grids ·
+//!   `abrade`: the executed path · `removal`: the removal by the path
 //! - `learn`: panel and corners, derived from the content of a teaching
 
 pub mod abrade;
@@ -56,8 +56,8 @@ pub fn rejected(kind: Kind, pass: u8, reason: Reason) -> Finding {
     Finding::new(kind, pass, Judgement::new(vec![reason], vec![]))
 }
 
-/// A phase that could not be done for this reason: a trouble of the cell, which a person looks at. It states
-/// nothing about the panel.
+/// Returns the finding of a phase that could not be executed for this reason: a fault of the cell, which a person
+/// examines. It states nothing about the panel.
 pub fn undone(kind: Kind, pass: u8, reason: Reason) -> Finding {
     Finding::new(kind, pass, Judgement::new(vec![], vec![reason]))
 }

@@ -33,7 +33,7 @@ pub enum Reach<'a> {
 pub struct Planned {
     /// The paths in the panel's frame, with the tool rotation that the arm follows best.
     pub plan: Plan,
-    /// How the arm follows; `None` if it does not, or if that was not checked.
+    /// How the arm follows the paths; `None` if it cannot follow them, or if this was not checked.
     pub reached: Option<Reached>,
     /// Wear of the disc by the path.
     pub disc: DiscUse,
@@ -109,7 +109,7 @@ pub fn judge(
 }
 
 impl Planned {
-    /// Also applies the checks of the gate before the motion, at the panel's place: box, steps, turns and tilt.
+    /// Also applies the checks of the gate before the motion, at the panel's pose: box, steps, turns and tilt.
     #[must_use]
     pub fn held_in_base(mut self, base_from_panel: Rigid<Base, Panel>, limits: &Limits) -> Self {
         let broken = path::broken_in_base(&self.plan, base_from_panel, &WaypointLimits::from(limits));
@@ -146,7 +146,8 @@ impl Planned {
     }
 }
 
-/// Every number of the path's result. If removal is scheduled, its own evenness counts, not that of the times.
+/// Returns every check of the path's result. If the feeds are scheduled for the removal, the evenness of the removal
+/// counts, not that of the times.
 fn of_path(plan: &Plan, recipe: &Recipe, is_known: bool) -> (Vec<Check>, Judgement) {
     let (checks, judgement) = path::judged(plan, recipe.path());
     let scheduled = recipe.removal().is_some_and(|asked| asked.method() == RemovalMethod::Scheduled);

@@ -70,13 +70,13 @@ impl<'a> Abrasive<'a> {
         Some((self.recipe.removal()?, self.recipe.force_n()?, self.tool.removal?))
     }
 
-    /// The same, if the recipe asks for scheduled feeds.
+    /// Returns the recipe's table with its force and the model, if the recipe also asks for scheduled feeds.
     fn wanted(&self) -> Option<(&'a recipe::Removal, f64, Model)> {
         self.known().filter(|(asked, ..)| asked.method() == RemovalMethod::Scheduled)
     }
 
-    /// Returns the distance of a plan's lines beyond the treated area, mm: feeds alone cannot make the removal even
-    /// up to its border.
+    /// Returns the distance of a plan's lines beyond the treated area, mm: feeds alone cannot make the removal uniform
+    /// up to the border of this area.
     pub fn beyond_mm(&self) -> f64 {
         let radius_mm = self.recipe.path().disc_diameter_mm() / 2.0;
         self.wanted().map_or(0.0, |_| BEYOND_RADII * radius_mm)
@@ -150,7 +150,7 @@ impl<'a> Abrasive<'a> {
         Disc { pad, orbit: model.orbit, rim_orbits: true, swept_mm2: self.tool.worn_mm2 }
     }
 
-    /// Does the panel exist at a place?
+    /// Returns a function that states whether the panel has material at a position.
     fn ground(&self) -> impl Fn(Parameter) -> bool + Sync + use<> {
         let outline = PanelGround::new(&self.panel.region, &self.panel.outline_px);
         let holes = self.fit.map.holes(&self.panel.region, self.recipe.path().lift_hole_mm());

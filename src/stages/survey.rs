@@ -28,19 +28,19 @@ pub struct ToolState {
     pub removal: Option<Model>,
     /// The stroke of a compliant tool, mm.
     pub stroke_mm: Option<f64>,
-    /// The path is run in the air: the requirements, wear and removal of contact have no consequence.
+    /// Whether the path is run in the air: the requirements, wear and removal of contact then have no consequence.
     pub in_air: bool,
 }
 
 impl ToolState {
-    /// Checks whether a compliant tool's stroke absorbs the unknown part of the way over this surface; `None` for
+    /// Checks whether a compliant tool's stroke absorbs the unknown errors of a path over this surface; `None` for
     /// another tool.
     pub(super) fn check_stroke(&self, fit: &Fit, settings: &recipe::Path) -> Option<Check> {
         let errors_mm = [self.error_mm, Some(fit.deviation.p95_mm), Some(settings.chord_error_mm())];
         self.stroke_mm.map(|stroke_mm| check_stroke(stroke_mm, settings.press_in_mm(), errors_mm))
     }
 
-    /// Returns a check of the requirements, wear or removal of contact; it has no consequence in the air.
+    /// Returns this check of the requirements, wear or removal of contact; in the air, the check has no consequence.
     pub(super) fn of_contact(&self, check: Check) -> Check {
         if self.in_air { check.without_consequence() } else { check }
     }
@@ -109,15 +109,15 @@ pub struct Today {
     pub fit: Fit,
     /// Checks of the surface's distance from the taught surface, and of its accuracy.
     pub checks: Vec<Check>,
-    /// Root mean square of the scan's points from it, mm; `None` if the scan shows too little of the surface to
-    /// compare.
+    /// Root mean square distance of the scan's points from this surface, mm; `None` if the scan shows too little of
+    /// the surface to compare.
     pub rms_mm: Option<f64>,
     /// The distance from the taught surface, pixel by pixel.
     pub drawing: Option<Drawing>,
 }
 
-/// Corrects the taught surface by the scan in which the panel was located. The thesis's surface is only compared
-/// with the scan and stays as taught: the panel's difference from it counts as its error.
+/// Corrects the taught surface by the scan in which the panel was located. The thesis's surface is only compared with
+/// the scan and stays as taught: the panel's difference from this surface counts as the surface's error.
 pub fn today((panel, taught): (&TaughtPanel, &Fit), points: &[TodaysPoint], limits: &recipe::Surface) -> Today {
     match surface::todays(&taught.surface, panel, &taught.map, (points, limits.max_hole_mm())) {
         Ok(todays) => {

@@ -58,7 +58,7 @@ pub(super) struct Part {
     pub columns: &'static [&'static str],
     /// The condition for the rows that this write has set, in SQL.
     pub written: &'static str,
-    /// A later write replaces an earlier one.
+    /// Whether a later write replaces an earlier one.
     pub is_replaced: bool,
 }
 
@@ -233,7 +233,7 @@ pub(super) fn add(
     Ok(place)
 }
 
-/// Adds every row of an earlier program's store to its chain.
+/// Adds every row of an earlier program's store to the store's chain.
 pub(super) fn adopt(connection: &Connection) -> Result<ChainPosition, rusqlite::Error> {
     let mut place = ChainPosition::BEGIN;
     for part in &PARTS {

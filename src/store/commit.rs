@@ -112,7 +112,8 @@ impl Store {
         self.steps.reach(Step::Prepared);
         transaction.commit()?;
         self.steps.reach(Step::Committed);
-        // If this cannot be written, the position is still explained: the file states that the chain may be here.
+        // If the head cannot be written, the chain's position is still explained: the head file already names it as
+        // the possible next position.
         if let Err(error) = head.settle(last) {
             tracing::warn!("the head of the store could not be written: {error}");
         }

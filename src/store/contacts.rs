@@ -15,7 +15,7 @@ use rusqlite::{OptionalExtension, params};
 use serde::Serialize;
 use std::collections::BTreeSet;
 
-/// `cycle_facts` holds named facts of a cycle that have no other place: its clock, the file of its recording.
+/// `cycle_facts` holds named facts of a cycle that are stored nowhere else: its clock, the file of its recording.
 pub(super) const TABLES: &str = "
     CREATE TABLE contacts (
         id INTEGER PRIMARY KEY,
@@ -43,7 +43,7 @@ pub(super) const TABLES: &str = "
 struct PartEnds {
     /// The cycle ended with pass or fail by a film, after which the part is removed.
     has_result: bool,
-    /// Its start stated that another part than before is present.
+    /// The cycle's start stated that another part than before is present.
     is_another: bool,
 }
 
@@ -166,7 +166,8 @@ impl Store {
         };
         let mut cycles = read().map_err(failed)?.into_iter().map(|(id, serial)| (id, normalised_serial(&serial)));
         let Some((own, serial)) = cycles.next() else { return Ok(Vec::new()) };
-        // Parts that cannot be this one from here on, by serial number; those without one have the empty text.
+        // Serial numbers of the parts that cannot be this part in still earlier cycles; a part without a serial number
+        // has the empty text.
         let (mut over, mut found) = (BTreeSet::new(), Vec::new());
         if self.ends_of_a_part(own).map_err(failed)?.is_another {
             return Ok(found);
@@ -180,7 +181,7 @@ impl Store {
             if !has_result {
                 found.push(CycleId(cycle));
             }
-            // If this part was declared another one, it differs from all before.
+            // If a start stated that this part is another one, it differs from all parts before.
             if is_another && of == serial {
                 break;
             }

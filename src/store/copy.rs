@@ -26,7 +26,8 @@ pub struct Copied {
     pub found: Vec<String>,
     /// Number of links of the copied chain.
     pub links: u64,
-    /// The files that its rows name, by their hashes; without those that were removed according to `[store] keep`.
+    /// The files that the copied rows name, by their hashes; without the files that were removed according to `[store]
+    /// keep`.
     pub files: Vec<String>,
 }
 
@@ -55,7 +56,7 @@ impl Store {
         };
         let (told, last) = match head::read_beside(folder, begin) {
             Ok((told, last)) => (Ok(told), last),
-            // A writer that does not release the lock is no change of the store.
+            // If a writer does not release the lock, this does not mean that the store was changed.
             Err(error) if error.kind() == std::io::ErrorKind::TimedOut => {
                 return Err(file_error("read the head in", folder)(error));
             }

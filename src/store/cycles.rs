@@ -46,7 +46,7 @@ pub struct CycleStart {
     pub recipe_text: String,
     /// The cell's file and its calibrations: the purpose of each, such as `base_from_camera`, and its text.
     pub file_texts: Vec<(String, String)>,
-    /// The file in which it is recorded, if it is recorded.
+    /// The file in which the cycle is recorded, if it is recorded.
     pub recording: Option<RecordingFile>,
 }
 
@@ -90,8 +90,8 @@ impl Store {
         there.map_err(|error| self.failed("read a cycle of", &error))
     }
 
-    /// Stores how a running cycle ended: the verdict of its table, never better than its findings allow
-    /// ([`conclude`](crate::record::conclude)). `because` states why it was ended, if it was.
+    /// Stores how a running cycle ended: the verdict of its state machine, never better than its findings allow
+    /// ([`conclude`](crate::record::conclude)). `because` states why the cycle was ended early, if it was.
     ///
     /// # Errors
     /// If it cannot be written, or there is no such cycle or it is over.
@@ -109,7 +109,7 @@ impl Store {
         Ok(judgement)
     }
 
-    /// Stores the error at the tool, as far as it is known; a later one replaces it.
+    /// Stores the error at the tool, as far as it is known; a later value replaces an earlier one.
     ///
     /// # Errors
     /// If it cannot be written, a part is not finite, or there is no such cycle or it is over.

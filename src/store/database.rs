@@ -22,13 +22,13 @@ pub struct Store {
     pub(super) lease: Option<Lease>,
     /// The file of the chain's head; `None` for reading.
     pub(super) head: Option<HeadFile>,
-    /// An append failed; it is not known whether the journal contains its line.
+    /// Whether an append failed, so that it is not known whether the journal contains its line.
     pub(super) journal_in_doubt: bool,
     /// The folded state of the journal after recovery.
     pub(super) folded: Option<JournalFold>,
     /// Changes made outside this program that were found when the store was opened.
     pub(super) changed: Vec<String>,
-    /// The journal has recorded this change.
+    /// Whether the journal has recorded this change.
     pub(super) change_is_told: bool,
     pub(super) reserve: Reserve,
     pub(super) fullness: Fullness,
@@ -47,8 +47,8 @@ impl Store {
         self.blobs.put(bytes).map_err(|error| self.full_or(error))
     }
 
-    /// Returns a writer for files of this store, for use beside the store's writer on a separate thread. A file
-    /// that no row names is only a file.
+    /// Returns a writer for files of this store, for use beside the store's writer on a separate thread. A file that
+    /// no row names has no effect.
     ///
     /// # Errors
     /// If the store is open for reading.
@@ -65,7 +65,7 @@ impl Store {
         self.blobs.get(hash)
     }
 
-    /// Free space on the store's disk, MB, once a probe could be written to it.
+    /// Returns the free space on the store's disk, MB, after a probe was written to the disk.
     ///
     /// # Errors
     /// If the store is open for reading, or its disk refuses.

@@ -1,4 +1,4 @@
-//! The state of motions and cycles according to the journal: its events, folded by the table of the cycle.
+//! The state of motions and cycles according to the journal: its events, folded by the cycle's state machine.
 
 use crate::cycle::{Effect, Event, Motion, Outcome, Report, State, step};
 use crate::record::CycleId;

@@ -30,7 +30,7 @@ const LOCK_TIMEOUT: Duration = Duration::from_secs(5);
 pub(super) struct Head {
     /// The chain's position.
     pub at: ChainPosition,
-    /// Its position once the transaction under way is committed.
+    /// The chain's position once the transaction under way is committed.
     pub next: Option<ChainPosition>,
     /// SHA-256 of the database's file, if it was closed.
     pub database: Option<Hash>,
@@ -43,11 +43,11 @@ impl Head {
     }
 }
 
-/// The content of a file, and how it is written.
+/// The newest content of a head file, and the condition in which the file was found.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Read {
     pub head: Head,
-    /// One of the file's two copies is damaged.
+    /// Whether one of the file's two copies is damaged.
     pub is_damaged: bool,
     count: u64,
 }
@@ -150,7 +150,8 @@ pub(super) fn read(store: &Path) -> Result<Option<Read>, Error> {
     }
 }
 
-/// The same while no other process or thread writes, with the data that `beside` reads meanwhile.
+/// Reads the content of this store's file while no other process or thread writes, together with the data that
+/// `beside` reads meanwhile.
 pub(super) fn read_beside<T>(store: &Path, beside: impl FnOnce() -> T) -> Result<(Option<Read>, T), Error> {
     match File::open(store.join(FILE)) {
         Ok(file) => {

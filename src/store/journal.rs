@@ -1,7 +1,7 @@
-//! The journal: every event of the table, one JSON line each, in order and without gaps.
+//! The journal: every event of the cycle's state machine, one JSON line each, in order and without gaps.
 //!
-//! A line carries the first 16 digits of a hash over its own content and that of the line before. A changed, lost
-//! or inserted line is detected when the journal is read. The store's chain (see `chain`) covers it too.
+//! A line carries the first 16 digits of a hash over its own content and that of the line before. A changed, lost or
+//! inserted line is detected when the journal is read. The store's chain (see `chain`) covers it too.
 
 use super::checkpoints;
 use super::commit::{Failed, Writing};
@@ -89,10 +89,10 @@ impl Store {
         Ok(events)
     }
 
-    /// Recovers the state when a program starts with this store: the journal's folded state, then at rest, Aborted
-    /// or Stopped. Rows of motions and cycles that the last process could not write after its last event are
-    /// written first. If the store was changed behind the program's back, that is one more event, and the state is
-    /// Aborted until a person clears it.
+    /// Recovers the state when a program starts with this store: the journal's folded state, then at rest, Aborted or
+    /// Stopped. Rows of motions and cycles that the last process could not write after its last event are written
+    /// first. If the store was changed outside this program, that is one more event, and the state is Aborted until a
+    /// person clears it.
     ///
     /// # Errors
     /// If the journal cannot be read, a line differs from the line that was written, or a motion is open that the

@@ -40,7 +40,7 @@ impl Lease {
             Err(TryLockError::Error(source)) => return Err(at("lock")(source)),
         }
         if let Err(error) = fs::write(store.join(FILE), format!("{}\n", std::process::id())) {
-            // Without this file only a message is less exact, and on a full disk the service must start.
+            // Without this file, only a message is less exact; the service must start on a full disk, too.
             tracing::warn!("{} cannot be written: {error}", store.join(FILE).display());
         }
         Ok(Lease { locked: folder })

@@ -6,14 +6,14 @@
 //! recipes and calibrations under their SHA-256. Blobs are written first, and the row that names them last, in one
 //! transaction: a row never names an incomplete file. Rows of taught panels, findings, journal, requests, contact
 //! paths and permits are never changed; the end of a cycle and of a motion is written once. Each row is part of a
-//! chain of hashes (`chain`); the head of the chain is also kept outside of the database (`head`). Changed,
-//! deleted, reordered or rolled-back rows are detected (`verify`). The table of parts alone is an index over texts
-//! that are in the chain, and is compared with them. Of a panel only raw inputs are stored; other rooms derive all
-//! other data from them on loading.
+//! chain of hashes (`chain`); the head of the chain is also kept outside of the database (`head`). Changed, deleted,
+//! reordered or rolled-back rows are detected (`verify`). The table of parts alone is an index over texts that are in
+//! the chain, and is compared with them. Of a panel only raw inputs are stored; other modules derive all other data
+//! from them when they are loaded.
 //!
 //! The journal is written before effects: [`Store::append`] returns when the event is on the disk. After a failed
-//! append nothing more is appended, since it is unknown whether the line was written; the next process finds out. A
-//! full disk is no such failure: the reserve is released, and the journal continues until the cell is at rest
+//! append nothing more is appended, since it is unknown whether the line was written; the next process determines
+//! this. A full disk is no such failure: the reserve is released, and the journal continues until the cell is at rest
 //! (`reserve`, `full_disk`).
 
 mod acknowledgements;

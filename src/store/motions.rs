@@ -59,7 +59,7 @@ impl Store {
         })
     }
 
-    /// Returns whether a motion is open: a person must clear it before anything moves. As of the last
+    /// Returns whether a motion is open: a person must clear it before anything moves. The answer is that of the last
     /// [`Store::recover`].
     ///
     /// # Errors
@@ -83,7 +83,8 @@ impl Store {
         let mut open = self.open_motion()?;
         if let Some(motion) = open.filter(|motion| Some(*motion) != expected) {
             let closed = settled.closed.filter(|(closed, ..)| *closed == motion);
-            // If the journal was cut, a person ends the motion, by the clear that the store then requires.
+            // If lines of the journal were removed, a person ends the motion, with the clear that the store then
+            // requires.
             let cleared = (!self.changed.is_empty()).then_some((motion, Outcome::Cleared, 0));
             let Some((_, outcome, done)) = closed.or(cleared) else {
                 return Err(
@@ -103,7 +104,7 @@ impl Store {
                 _ => self.open_intent(&motion, settled.cycle)?,
             }
         }
-        // A cycle that still runs according to the table is concluded by the Boot that follows.
+        // A cycle that still runs according to the state machine is concluded by the Boot event that follows.
         let mut over = self.open_cycles()?;
         if settled.state.job.running {
             over.pop();

@@ -38,9 +38,9 @@ impl Store {
         Ok(Store::new((connection, Blobs::at(folder)), folder))
     }
 
-    /// Opens the store in this folder for writing, as the only writer. An empty or absent folder becomes a new
-    /// store. An earlier program's store is brought up to date, after a copy of its database was made beside it. A
-    /// change behind the program's back is kept as an incident, see [`Store::changed`].
+    /// Opens the store in this folder for writing, as the only writer. An empty or absent folder becomes a new store.
+    /// An earlier program's store is brought up to date, after a copy of its database was made beside it. A change
+    /// made outside this program is stored as an incident, see [`Store::changed`].
     ///
     /// # Errors
     /// If another process writes to it, the folder cannot be written, its disk is full, or the store is damaged, or
@@ -55,8 +55,8 @@ impl Store {
         opened.map_err(|error| if is_full(&error, folder) { reserve::full(folder) } else { error })
     }
 
-    /// Opens a store for signing, beside its writer, if it has one. Signing does not handle a change behind the
-    /// program's back: a head that contradicts the rows must stay as it is until the next start has checked it.
+    /// Opens a store for signing, beside its writer, if it has one. Signing does not handle a change made outside this
+    /// program: a head that contradicts the rows must stay as it is until the next start has checked it.
     pub(super) fn for_signing(folder: &Path) -> Result<Self, StoreError> {
         let store = Store::beside_the_writer(folder)?;
         let version = schema::version(&store.connection, store.path())?;
@@ -197,8 +197,8 @@ impl Drop for Store {
         // If another connection is open, the log stays, and the file alone is not the database.
         let is_log_left = log_of(&path).exists();
         if is_log_left && next.is_some() {
-            // A commit failed at the disk, and so did closing. Its lines may still be in the log, and then the next
-            // start finds them. The head continues to state this.
+            // A commit failed at the disk, and so did closing the database. The commit's lines may still be in the
+            // log, and then the next start finds them. The head continues to state this.
             return;
         }
         let database = if is_log_left { None } else { file_hash(&path).ok() };

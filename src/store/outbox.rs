@@ -1,10 +1,10 @@
-//! The rows for the office: one for each cycle that ended, each signature and each verification, written in the
-//! same transaction as the object itself. A row is never changed and never removed, so that nothing can be
-//! forgotten on the way.
+//! The rows for the office: one for each cycle that ended, each signature and each verification, written in the same
+//! transaction as the object itself. A row is never changed and never removed, so that nothing can be lost on the way
+//! to the office.
 //!
-//! Rows are numbered from 1 within an epoch, a random name. A new epoch begins with a new store, when rows were
-//! found changed or missing, and after a restore: a store that has its full history never uses a number twice under
-//! one epoch. The progress of sending is not a row of the store (see `daemon/office`).
+//! Rows are numbered from 1 within an epoch, a random name. A new epoch begins with a new store, when rows were found
+//! changed or missing, and after a restore: a store that has its full history never uses a number twice under one
+//! epoch. The progress of sending is not a row of the store (see `daemon/office`).
 
 use super::chain;
 use super::commit::{Failed, Writing};
@@ -127,7 +127,7 @@ impl Store {
         read().map_err(|error| self.failed("read the office's outbox from", &error))
     }
 
-    /// The rows for the office after this position, within its epoch and in order, at most `most`.
+    /// The rows for the office after this position, within its epoch and in order, at most `most` rows.
     ///
     /// # Errors
     /// If it cannot be read, or a row or a file is damaged.
@@ -185,8 +185,8 @@ impl Store {
         Store::for_one_row(folder)?.begin_epoch(why)
     }
 
-    /// Marks the folder of a restored store: the store lacks the writings since it was copied. Its next start
-    /// begins a new epoch and rests in Aborted. Cycles are numbered above the last one of the store that it
+    /// Marks the folder of a restored store: the store lacks the rows that were written after it was copied. Its next
+    /// start begins a new epoch and rests in Aborted. Cycles are numbered above the last one of the store that it
     /// replaces, if that could be read.
     ///
     /// # Errors
@@ -249,7 +249,8 @@ impl Store {
         Ok(Envelope { position, unix_ms, body })
     }
 
-    /// The same for every program version that reads it: only the content of the cycle's row.
+    /// Returns the end of a cycle, with only the content of the cycle's row: every program version that reads the row
+    /// returns the same.
     fn cycle_end(&self, id: CycleId) -> Result<Body, StoreError> {
         let sql = "SELECT started_unix_s, ended_unix_s, panel, taught_version, recipe_hash, program_version, verdict, reasons
             FROM cycles WHERE id = ?1";

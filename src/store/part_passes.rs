@@ -18,13 +18,14 @@ pub struct PassesOfCycle {
     pub removed_um: Option<f64>,
 }
 
-/// A serial number without differences that make no other part: blanks around it and the case of its letters.
+/// Returns a serial number without differences that do not mean another part: blanks around it, and upper or lower
+/// case.
 pub(super) fn normalised_serial(serial: &str) -> String {
     serial.trim().to_uppercase()
 }
 
 impl Store {
-    /// The part of a cycle, by the text that the cycle keeps; `None` if none was named, or if that text is missing
+    /// The part of a cycle, from the text that the cycle stores; `None` if none was named, or if that text is missing
     /// or damaged.
     pub fn kept_part(&self, record: &CycleRecord) -> Option<PartNames> {
         let kept = record.files.iter().find(|file| file.name == PartNames::FILE)?;
@@ -46,7 +47,8 @@ impl Store {
             let sql = "SELECT cycle_id, serial FROM cycle_parts WHERE serial NOTNULL AND (?1 IS NULL OR cycle_id < ?1) ORDER BY 1";
             let mut statement = self.connection.prepare(sql)?;
             let all = statement.query_map(params![before.map(|id| id.0)], |row| Ok((row.get(0)?, row.get(1)?)))?;
-            // A blank or another case makes no other part. SQL compares the case of ASCII letters only.
+            // A blank, or upper instead of lower case, does not mean another part. SQL compares the case of ASCII
+            // letters only.
             let is_it = |row: &Result<(i64, String), _>| {
                 row.as_ref().map_or(true, |(_, found): &(i64, String)| {
                     normalised_serial(found) == normalised_serial(serial)

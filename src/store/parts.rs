@@ -1,7 +1,7 @@
 //! The names of each cycle's part (serial number, work order, operator) as a table that can be searched.
 //!
-//! The authoritative text is the one that the cycle keeps as the file `part`; the chain covers its hash. This table
-//! is an index over those texts and no part of the chain. It is written in the transaction that begins a cycle,
+//! The authoritative text is the one that the cycle stores as the file `part`; the chain covers its hash. This table
+//! is an index over those texts and is not part of the chain. It is written in the transaction that begins a cycle,
 //! made anew for cycles of earlier programs, and `store verify` compares every row with its text.
 
 use super::blobs::Blobs;

@@ -86,8 +86,8 @@ impl Store {
         Ok(Some(pruned).filter(|pruned| pruned.files > 0))
     }
 
-    /// Cycles with clips and scans that are no longer kept. Days are counted to the newest cycle's end and not to
-    /// today: a clock that jumps removes nothing.
+    /// Cycles with clips and scans that are no longer kept. Days are counted back from the newest cycle's end and not
+    /// from today: a clock that jumps removes nothing.
     fn due(&self, keep: &Retention) -> Result<Vec<i64>, StoreError> {
         let read = || -> Result<Vec<Ended>, rusqlite::Error> {
             let sql = "SELECT id, ended_unix_s, verdict FROM cycles WHERE verdict IS NOT NULL ORDER BY id DESC";

@@ -1,8 +1,8 @@
 //! Requests: what was requested of the cell, by whom, and the reply. A row is written once, with its reply.
 //!
-//! A request that the table decides about is also in the journal, before its effects. If the program ended between
-//! the two, only the journal has it. The person who requested it and the reply were then not recorded, and the
-//! record states this.
+//! A request that the state machine decides is also in the journal, before its effects. If the program ended between
+//! the two writes, only the journal contains the request. The person who requested it and the reply were then not
+//! recorded, and the record states this.
 
 use super::database::{Store, unix_ms};
 use super::error::StoreError;

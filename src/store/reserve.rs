@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 
 /// The file's name.
 pub(super) const FILE: &str = "panelprep.reserve";
-/// Its size. A line of the journal needs at most 16 kB of the database's log: the reserve is enough for 2,000
-/// lines, and a retract, a hold and a stop need less than 100.
+/// The reserve's size. A line of the journal needs at most 16 kB of the database's log: the reserve is enough for
+/// 2,000 lines, and a retract, a hold and a stop need less than 100.
 pub(super) const MB: u64 = 32;
 /// Free disk space below which no program starts on a store without a reserve, MB: its journal would fill the disk
 /// before the cell is in a safe state.

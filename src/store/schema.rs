@@ -86,7 +86,7 @@ pub(super) fn raise(transaction: &Connection) -> Result<Option<ChainPosition>, r
     if found < 5 {
         transaction.execute_batch(verifications::STRIKES)?;
     }
-    // Before the chain, which includes every table.
+    // These tables are created before the chain, which includes every table.
     if found < 7 {
         transaction.execute_batch(requests::TABLES)?;
         transaction.execute_batch(contacts::TABLES)?;

@@ -29,7 +29,7 @@ impl Store {
         let keys: Vec<PublicKey> = named.iter().filter_map(|hex| PublicKey::of_hex(hex).ok()).collect();
         let checked = signing::verify(&all, &keys, None);
         verified.found.extend(checked.found);
-        // The first ones are reported below.
+        // A gap at the first numbers is reported below.
         verified.found.extend(checked.gaps.into_iter().filter(|(first, _)| *first > 1).map(signing::missing));
         for (number, (statement, _)) in &checked.statements {
             verified.found.extend(self.contradicts(*number, statement));

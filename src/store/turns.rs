@@ -1,8 +1,8 @@
 //! The order of writing to a store among the threads of this process: first come, first served.
 //!
-//! A lock of the file system has no order: a thread that requests it again at once gets it again. A page that
-//! writes a line for each refused request could therefore hold up the loop, which writes a stop to the journal
-//! before it is done. Between processes the lock of the head's file decides, as before.
+//! A lock of the file system has no order: a thread that requests it again at once gets it again. A page that writes a
+//! line for each refused request could therefore hold up the loop, which writes a stop to the journal before the stop
+//! is executed. Between processes the lock of the head's file decides, as before.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};

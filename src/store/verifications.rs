@@ -55,8 +55,8 @@ impl Store {
         Ok((store, number))
     }
 
-    /// Strikes out the verification with this number in the store in this folder, also while a service writes to
-    /// it. It stays in its place, with the person who struck it out and the reason.
+    /// Strikes out the verification with this number in the store in this folder, also while a service writes to it.
+    /// The verification stays stored, with the person who struck it out and the reason.
     ///
     /// # Errors
     /// If the store cannot be opened or written, has no such verification, or it is struck out already.

@@ -22,8 +22,8 @@ const MAX_MESSAGES: usize = 200;
 pub struct Verified {
     /// Differences from the written data, in words.
     pub found: Vec<String>,
-    /// Differences that were found at an earlier start and stored as an incident, and can no longer be seen: for
-    /// example missing lines.
+    /// Differences that were found at an earlier start and stored as an incident, and that can no longer be detected,
+    /// for example missing lines.
     pub known: Vec<String>,
     /// Number of links in the chain.
     pub links: u64,
@@ -68,7 +68,7 @@ impl Store {
     /// content is a finding, not an error.
     pub fn verify(folder: &Path, files: bool) -> Result<Verified, StoreError> {
         let path = folder.join(DATABASE);
-        // Before a connection is open: closing a file also releases the locks of a connection.
+        // This is done before a connection is open: closing a file also releases the locks of a connection.
         let log = std::fs::metadata(log_of(&path)).map_or(0, |log| log.len());
         let hash = if log == 0 { file_hash(&path).ok() } else { None };
         let store = match Store::open(folder) {
@@ -350,7 +350,7 @@ impl Walk {
         Ok(())
     }
 
-    /// All findings in words; neighbouring rows together.
+    /// Returns all findings in words; neighbouring rows are reported together.
     fn words(mut self) -> Vec<String> {
         let mut told = Vec::new();
         let exchanged: Vec<(&str, i64, i64)> = self

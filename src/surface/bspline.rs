@@ -47,8 +47,8 @@ pub struct BSplineSurface {
 }
 
 impl BSplineSurface {
-    /// A surface from knots along u and v and its control net, v running fastest. `viewer` is the camera's
-    /// position: normals point to its side.
+    /// Creates a surface from the knots along u and v and from its control net, v running fastest. `viewer` is the
+    /// camera's position: normals point to its side.
     ///
     /// # Errors
     /// If the counts differ, or the surface shows its edge to the viewer.
@@ -127,7 +127,7 @@ impl BSplineSurface {
         }
     }
 
-    /// S with its first and second derivatives at many places, in their order.
+    /// S with its first and second derivatives at many parameters, in their order.
     pub fn derivatives_at(&self, places: &[Parameter]) -> Vec<Derivatives> {
         places.iter().map(|at| self.derivatives(*at)).collect()
     }
@@ -136,7 +136,7 @@ impl BSplineSurface {
         [self.knots_u.span(at.u), self.knots_v.span(at.v)]
     }
 
-    // Evaluates function by function: for degrees without precomputed polynomials.
+    // Evaluates the surface by its basis functions: for degrees without precomputed polynomials.
     fn slow(&self, at: Parameter) -> Derivatives {
         let (u, v): (Basis, Basis) = (self.knots_u.with_second(at.u), self.knots_v.with_second(at.v));
         let [mut point, mut s_u, mut s_v, mut s_uu, mut s_uv, mut s_vv] = [Vector3::zeros(); 6];

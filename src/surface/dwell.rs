@@ -66,7 +66,7 @@ impl GridDwell {
         self.share_of(|passes| passes > 0)
     }
 
-    /// How even the time under the disc is; `None` if the disc reached nothing.
+    /// The uniformity of the time under the disc; `None` if the disc reached nothing.
     pub fn spread(&self) -> Option<Spread> {
         Spread::from_times(self.times())
     }
@@ -169,7 +169,8 @@ fn steps(surface: &BSplineSurface, executed: &[Executed], radius_mm: f64) -> Vec
     steps
 }
 
-/// The place on the surface below or above a point, by Gauss and Newton; `None` if there is none nearby.
+/// Returns the parameters of the surface point below or above a point, by the Gauss–Newton method; `None` if there is
+/// none nearby.
 pub fn foot(surface: &BSplineSurface, guess: Parameter, point: Point<Panel>) -> Option<Parameter> {
     let mut at = guess;
     for _ in 0..FOOT_STEPS {
@@ -182,7 +183,7 @@ pub fn foot(surface: &BSplineSurface, guess: Parameter, point: Point<Panel>) -> 
         if !(du.is_finite() && dv.is_finite()) {
             return None;
         }
-        // Far from its start the polynomial can give any value.
+        // Far beyond the domain the border polynomials can have any value, so the parameters are limited.
         at = Parameter { u: (at.u + du).clamp(-0.2, 1.2), v: (at.v + dv).clamp(-0.2, 1.2) };
         if (s_u * du + s_v * dv).norm() < FOOT_MM {
             return Some(at);
@@ -235,7 +236,7 @@ impl Dwell {
         covered / all
     }
 
-    /// How even the time under the disc is over all of them; `None` if the disc reached nothing.
+    /// The uniformity of the time under the disc over all grids; `None` if the disc reached nothing.
     pub fn spread(&self) -> Option<Spread> {
         Spread::from_times(self.grids.iter().flat_map(GridDwell::times))
     }

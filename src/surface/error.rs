@@ -41,7 +41,7 @@ pub enum FitError {
         /// Side allowed, mm.
         limit_mm: f64,
     },
-    /// The thesis's method needs a point at a place without one.
+    /// The thesis's method needs a point at a position at which the scan has none.
     #[error(
         "the scan has no point at ({:.0}, {:.0}) px to be a control point; scan again, or set [surface] method = \
          \"least-squares\"", at.u, at.v
@@ -96,8 +96,8 @@ pub enum FitError {
 }
 
 impl FitError {
-    /// The number that the scan does not meet, with its limit, and the rejection that follows; if no number is at
-    /// fault, the rejection alone.
+    /// Returns the check that the scan does not meet, with its limit and the rejection that follows; if no limit is
+    /// the cause, the check contains only the rejection.
     pub fn check(&self) -> Check {
         let rejects = |check: Check| check.broken(true, Severity::Reject, "no_surface", || self.to_string());
         let recipe = SetBy::recipe;

@@ -1,4 +1,4 @@
-//! A number at each place of some grids, such as a depth, ready to be drawn.
+//! A number at each position of some grids, such as a depth, ready to be drawn.
 
 use crate::panel::GridId;
 

@@ -26,7 +26,7 @@ use crate::recipe::{self, FitMethod};
 use nalgebra::{Point2, Vector3};
 use rayon::prelude::*;
 
-/// Lower limit of σ, mm: no 3D camera is more exact. It keeps σ above zero on data without noise.
+/// Lower limit of σ, mm: no 3D camera is more accurate. It keeps σ above zero on data without noise.
 const MIN_SCALE_MM: f64 = 0.001;
 /// Largest number of weighted fits; two are usual.
 const MAX_ROUNDS: usize = 4;
@@ -67,7 +67,7 @@ pub struct Fit {
     pub map: DeviationMap,
 }
 
-/// A refused fit, with the picture that shows the place.
+/// A refused fit, with the picture that shows where it fails.
 #[derive(Debug, Clone, thiserror::Error)]
 #[error("{error}")]
 pub struct Refusal {

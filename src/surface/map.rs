@@ -14,7 +14,7 @@ pub enum MapPixel {
     Outside,
     /// The pixel shows no point of the panel.
     Missing,
-    /// A point that does not count.
+    /// A point that is not used in the fit.
     Rejected {
         /// Distance in front of the surface, mm.
         mm: f32,
@@ -34,7 +34,7 @@ pub struct DeviationMap {
     pub(super) mm_per_px: f64,
 }
 
-/// Parts of a region without a panel below them.
+/// Parts of a region in which there is no panel.
 #[derive(Debug, Clone)]
 pub struct Holes {
     region: Region,
@@ -48,7 +48,7 @@ impl Holes {
         Holes { region: region.clone(), window: Window { columns: 0..0, rows: 0..0 }, is_over: Vec::new() }
     }
 
-    /// Does the panel have a hole at this place?
+    /// Returns whether the panel has a hole at this position.
     pub fn holds(&self, at: Parameter) -> bool {
         let pixel = self.region.pixel(Point2::new(at.u, at.v));
         let (column, row) = (pixel.u.round(), pixel.v.round());
@@ -75,7 +75,7 @@ impl DeviationMap {
         &self.pixels
     }
 
-    /// The same pixels of the region with the state that `says` returns for each.
+    /// Returns a map of the same region, in which each pixel of the region has the state that `says` returns.
     pub(super) fn filled(&self, says: impl Fn(Pixel) -> MapPixel) -> Self {
         let one = |(index, pixel): (usize, &MapPixel)| match pixel {
             MapPixel::Outside => MapPixel::Outside,

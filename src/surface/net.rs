@@ -30,7 +30,7 @@ impl SampleGrid {
         self.columns * self.rows
     }
 
-    /// The parameters of a place; places are counted row by row.
+    /// The parameters of a point; points are counted row by row.
     pub fn at(&self, place: usize) -> Parameter {
         let share = |index: usize, count: usize| (index as f64 + 0.5) / count as f64;
         self.patch.at(Parameter {
@@ -39,8 +39,8 @@ impl SampleGrid {
         })
     }
 
-    /// The area of the parameters for each place. Multiplied by the surface's area at the place, it gives the area
-    /// in mm².
+    /// The area in the parameters that belongs to each point. Multiplied by the surface's area for a unit of the
+    /// parameters there, it gives the area in mm².
     pub fn cell(&self) -> f64 {
         let [size_u, size_v] = sizes(self.patch);
         size_u * size_v / self.count() as f64
@@ -83,8 +83,9 @@ mod tests {
         BSplineSurface::new([knots(), knots()], controls, Point::at(0.0, 0.0, 500.0)).expect("a surface")
     }
 
-    /// By hand: the upper left quarter, 50 by 30 mm, in places of at most 11 mm has 5 columns and 3 rows, the first
-    /// one at (5, 5) mm. Each has an area of 100 mm², which is 100/6000 of the parameters' square.
+    /// By hand: the upper left quarter, 50 by 30 mm, with a spacing of at most 11 mm has 5 columns and 3 rows of
+    /// points, the first point at (5, 5) mm. Each point has an area of 100 mm², which is 100/6000 of the parameters'
+    /// square.
     #[test]
     fn places_are_spread_evenly() {
         let patch = Patch { low: Parameter { u: 0.0, v: 0.0 }, high: Parameter { u: 0.5, v: 0.5 } };

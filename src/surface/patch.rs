@@ -23,7 +23,7 @@ impl Patch {
         })
     }
 
-    /// Returns the point at a share of each side.
+    /// Returns the parameters at these fractions of the patch's sides.
     pub fn at(&self, share: Parameter) -> Parameter {
         Parameter {
             u: self.low.u + (self.high.u - self.low.u) * share.u,

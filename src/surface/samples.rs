@@ -127,7 +127,7 @@ impl Samples {
         }
     }
 
-    /// The place of a sample on the surface.
+    /// The parameters of a sample on the surface.
     pub fn place(&self, sample: &Sample) -> Parameter {
         let [span_u, span_v] = self.spans(sample.cell as usize);
         let along = |functions: &SpanFunctions, share: f64| functions.start + functions.length * share;

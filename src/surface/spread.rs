@@ -1,6 +1,6 @@
-//! The uniformity of the times under the disc: their 5 % and 95 % values over the treated area.
+//! The uniformity of the times under the disc: their 5 % and 95 % quantiles over the treated area.
 
-/// Shares of the treated area at which the times are evaluated.
+/// Fractions of the treated area for the quantiles of the times.
 const SHARES: [f64; 2] = [0.05, 0.95];
 
 /// Numbers in ascending order, each with the area to which it applies.
@@ -15,7 +15,7 @@ impl ByArea {
         ByArea(sorted)
     }
 
-    /// The number that this share of the area has at most; `None` if there is no number.
+    /// The quantile of the numbers for this share of the area; `None` if there is no number.
     pub fn at(&self, share: f64) -> Option<f64> {
         let mut left = share * self.0.iter().map(|(_, area)| area).sum::<f64>();
         let found = self.0.iter().find(|(_, area)| {
@@ -27,13 +27,13 @@ impl ByArea {
     }
 }
 
-/// The time under the disc that 5 % of the treated area has at most, and 95 %. The treated area is the area that
-/// the disc reaches; the coverage reports the rest.
+/// The 5 % and 95 % quantiles of the time under the disc over the treated area. The treated area is the area that the
+/// disc reaches; the coverage reports the remaining area.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Spread {
-    /// Time under the disc at 5 % of the area, s.
+    /// The 5 % quantile of the time under the disc, s.
     pub low_s: f64,
-    /// Time under the disc at 95 % of the area, s.
+    /// The 95 % quantile of the time under the disc, s.
     pub high_s: f64,
 }
 

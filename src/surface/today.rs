@@ -30,7 +30,7 @@ const STEPS: usize = 6;
 /// A point of today's scan with its parameters on the taught surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TodaysPoint {
-    /// The point's place in the taught camera's picture, in the region's unit square.
+    /// The point's position in the taught camera's picture, in the region's unit square.
     at: Parameter,
     /// The point, mm.
     point: Vector<Panel>,
@@ -67,8 +67,8 @@ pub enum TodayError {
     Surface(#[from] SurfaceError),
 }
 
-/// The points of a scan that lie in the region, as many as are needed; `panel_from_camera` is the panel's place
-/// found in this scan.
+/// The points of a scan that lie in the region, as many as are needed; `panel_from_camera` is the panel's pose found
+/// in this scan.
 pub fn todays_points(
     panel: &TaughtPanel,
     scan: &OrganizedCloud<Camera>,

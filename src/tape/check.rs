@@ -1,4 +1,5 @@
-//! Is a recording complete? Each message in its order and number, as many as its end states, and no error before.
+//! Checks whether a recording is complete: each message has its number and is in order, there are as many messages as
+//! the recording's end states, and there is no error before the end.
 
 use super::entry::Start;
 use super::error::TapeError;
@@ -131,7 +132,7 @@ impl Inventory {
         self.counts.iter().filter(|(topic, _)| topic.is_entry()).map(|(_, count)| count).sum()
     }
 
-    /// The reason why the bytes do not continue.
+    /// Returns the reason why the recording cannot be read further.
     fn broken(&self, error: McapError) -> TapeError {
         match error {
             McapError::Io(error) if error.kind() != std::io::ErrorKind::UnexpectedEof => {

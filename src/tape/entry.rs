@@ -15,7 +15,7 @@ pub struct Entry {
     pub topic: Topic,
     /// Time of the exchange, ns since the recording began, on the loop's clock.
     pub at_ns: u64,
-    /// The loop's action; null if it only listened.
+    /// The loop's action; null if it only received an input.
     pub said: Value,
     /// The reply or input; null if none was expected.
     pub heard: Value,
@@ -52,7 +52,7 @@ impl Shot {
         }
     }
 
-    /// The memory that it needs, bytes.
+    /// The memory that the shot needs, bytes.
     pub fn bytes(&self) -> usize {
         let [width, height] = self.size_px();
         width * height * if matches!(self, Shot::Points(_)) { 15 } else { 3 }
@@ -69,9 +69,9 @@ pub struct Start {
     pub unix_ns: u64,
     /// The table's state.
     pub state: State,
-    /// Whether time passes only while the loop listens to the robot.
+    /// Whether time passes only while the loop waits for the robot's messages.
     pub lock_step: bool,
-    /// The loop's memory in addition to the table's state.
+    /// The loop's memory in addition to the state machine's state.
     pub begin: Begin,
     /// Error of the camera mounts at the panel, mm, 95 %, as known at the start.
     pub hand_eye_mm: Option<f64>,
@@ -79,7 +79,7 @@ pub struct Start {
     pub robot_mm: Option<f64>,
 }
 
-/// The loop's memory when the recording began, in addition to the table's state.
+/// The loop's memory when the recording began, in addition to the state machine's state.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Begin {
@@ -92,7 +92,7 @@ pub enum Begin {
         robot: Option<Box<eki::State>>,
         /// The deadlines that were armed.
         armed: Vec<Armed>,
-        /// The last place of the panel of the cycles before, in the base.
+        /// The panel's last pose in the cycles before, in the base frame.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         place: Option<KukaPose>,
     },
@@ -126,6 +126,6 @@ pub struct LostEntries {
 pub struct Ending {
     /// Entries that were not recorded: a recording with lost entries is incomplete.
     pub lost: Vec<LostEntries>,
-    /// Why it ends before the cycle, if it does.
+    /// Why the recording ends before the cycle, if it does.
     pub stopped: Option<String>,
 }

@@ -36,7 +36,7 @@ impl Lens {
     }
 }
 
-/// Name of the frame of the 3D camera's pictures; the next constant names that of the flange camera's.
+/// Name of the frame of the 3D camera's pictures; the next constant is the name for the flange camera's pictures.
 pub(super) const SCANNER_FRAME: &str = "scanner";
 pub(super) const FLANGE_FRAME: &str = "flange_camera";
 

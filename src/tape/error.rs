@@ -8,10 +8,10 @@ pub enum TapeError {
     /// Some other file.
     #[error("this is no MCAP file: {problem}")]
     NotMcap {
-        /// The problem with its beginning.
+        /// The problem with the recording's beginning.
         problem: String,
     },
-    /// Written by another program.
+    /// The recording was written by another program.
     #[error("this MCAP file is no recording of panelprep: {problem}")]
     Foreign {
         /// The missing or unexpected content.
@@ -70,9 +70,10 @@ pub enum TapeError {
         topic: &'static str,
         /// When, s.
         from_s: f64,
-        /// The number of the expected entry.
+        /// The number of the expected entry; if entries at the end are missing, the required number of entries.
         expected: u64,
-        /// The entry that came; the required number of entries, if the end is missing.
+        /// The number of the entry that was found; if entries at the end are missing, the number of entries that were
+        /// found.
         found: u64,
     },
     /// Times of entries that do not increase.

@@ -1,8 +1,8 @@
-//! Finds the beginnings of a file's records, in parallel with its reader: an uncompressed chunk is refused before
-//! it is read.
+//! Finds the beginnings of a file's records, in parallel with its reader: an uncompressed chunk is refused before it
+//! is read.
 //!
-//! The reader assumes that the last record of such a chunk ends with the chunk, and counts below zero if it does
-//! not. Our recordings have only compressed chunks; their records are unpacked by their own lengths.
+//! The reader assumes that the last record of such a chunk ends with the chunk, and its count of bytes falls below
+//! zero if it does not. Our recordings have only compressed chunks; their records are unpacked by their own lengths.
 
 use super::error::TapeError;
 use mcap::records::op;

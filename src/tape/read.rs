@@ -1,4 +1,4 @@
-//! Bytes to entries, one at a time: a recording may be larger than the memory.
+//! Converts bytes to entries, one at a time: a recording may be larger than the memory.
 //!
 //! `check` reads a recording once and refuses it if anything is missing; [`Entries`] then returns its entries.
 
@@ -147,7 +147,7 @@ fn points(cloud: &PointCloud, [width, height]: [usize; 2]) -> Result<OrganizedCl
     if ![STRIDE_OF_2, STRIDE].contains(&stride) || !cloud.data.len().is_multiple_of(stride) {
         return Err(format!("points of {stride} bytes; ours have {STRIDE}"));
     }
-    // The data that both have in common come first.
+    // The data that both formats have in common come first.
     let each = || cloud.data.chunks_exact(stride).filter_map(<[u8]>::first_chunk::<STRIDE_OF_2>);
     let points_mm = each().map(|&[a, b, c, d, e, f, g, h, i, j, k, l, ..]| {
         [[a, b, c, d], [e, f, g, h], [i, j, k, l]].map(f32::from_le_bytes)

@@ -217,7 +217,7 @@ fn a_gap_is_named_with_its_topic_and_time() {
     assert!(error.to_string().contains("3 entries of /camera, the first 0.250 s"), "{error}");
 }
 
-/// A recording that ended before its cycle states why; it is complete and still is no cycle.
+/// A recording that ended before its cycle states why; it is complete, but it does not contain a whole cycle.
 #[test]
 fn a_recording_that_was_stopped_says_why() {
     let ending = Ending { stopped: Some("the disk has 1999 MB left".to_owned()), ..Ending::default() };

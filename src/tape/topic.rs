@@ -24,7 +24,7 @@ pub enum Topic {
     /// Results of computations outside the loop, in the order in which the loop receives them.
     #[strum(serialize = "/result")]
     Result,
-    /// The events of the table: the journal's lines.
+    /// The events of the state machine: the journal's lines.
     #[strum(serialize = "/cycle/event")]
     Event,
     /// Findings of the stages.

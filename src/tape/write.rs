@@ -143,7 +143,7 @@ impl<W: Write> Writer<W> {
         let Some(channel) = self.channels.get_mut(&topic) else { return Ok(()) };
         let header = MessageHeader {
             channel_id: channel.id,
-            // It continues from 0 after 2³² messages; readers do the same.
+            // The sequence number continues from 0 after 2³² messages; readers do the same.
             sequence: channel.written as u32,
             log_time,
             publish_time: self.began_ns + at_ns,

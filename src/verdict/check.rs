@@ -1,8 +1,9 @@
-//! A check: one number with its unit, its limit and the source of the limit, and the consequence if it is not kept.
+//! A check: one number with its unit, its limit and the source of the limit, and the consequence if the limit is not
+//! met.
 //!
-//! A gate lists its checks; the verdict, the page, the JSON and the recording are all made from that one list. A
-//! limit that is not kept always has a consequence: the page prints "not allowed" beside such a value, and nothing
-//! with such a row is accepted.
+//! A gate lists its checks; the verdict, the page, the JSON and the recording are all made from that one list. A limit
+//! that is not met always has a consequence: the page prints "not allowed" beside such a value, and nothing with such
+//! a row is accepted.
 
 use super::judgement::{Judgement, Reason};
 use serde::{Deserialize, Serialize};
@@ -66,7 +67,7 @@ impl SetBy {
     }
 }
 
-/// The consequence if a check is not kept.
+/// The consequence if a check's limit is not met.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Severity {
@@ -90,16 +91,16 @@ pub struct Check {
     pub unit: String,
     /// What is allowed.
     pub limit: Limit,
-    /// The source of the limit; `None` if there is no limit, or if an earlier program did not keep it.
+    /// The source of the limit; `None` if there is no limit, or if an earlier program did not store the source.
     #[serde(default)]
     pub set_by: Option<SetBy>,
-    /// The consequence if it is not kept.
+    /// The consequence if the limit is not met.
     #[serde(default)]
     pub severity: Severity,
     /// The code of the reason if the limit is not met; several checks may give the same reason.
     #[serde(default)]
     pub code: Option<Cow<'static, str>>,
-    /// The reason's words, if the check is not kept.
+    /// The reason's words, if the limit is not met.
     #[serde(default)]
     pub message: Option<String>,
 }
@@ -133,27 +134,27 @@ impl Check {
         self.within(Limit::AtLeast(limit), set_by)
     }
 
-    /// If it is not kept, the object is rejected for this reason.
+    /// Returns the same check with this consequence: if its limit is not met, the object is rejected for this reason.
     #[must_use]
     pub fn rejects(self, code: &'static str, words: impl FnOnce() -> String) -> Self {
         self.leads_to(Severity::Reject, code, words)
     }
 
-    /// If it is not kept, a person decides for this reason.
+    /// Returns the same check with this consequence: if its limit is not met, a person decides for this reason.
     #[must_use]
     pub fn reviews(self, code: &'static str, words: impl FnOnce() -> String) -> Self {
         self.leads_to(Severity::Review, code, words)
     }
 
-    /// If it is not kept, this is the consequence, for this reason.
+    /// Returns the same check with this consequence, for this reason, if its limit is not met.
     #[must_use]
     pub fn leads_to(self, severity: Severity, code: &'static str, words: impl FnOnce() -> String) -> Self {
         let is_broken = !self.is_kept();
         self.broken(is_broken, severity, code, words)
     }
 
-    /// If `is_broken`, this is the consequence, for this reason. Used for a number that had to be measured and was
-    /// not, or if its limit alone does not decide.
+    /// Returns the same check with this consequence, for this reason, if `is_broken`. Used for a number that had to be
+    /// measured and was not, or if the limit alone does not decide.
     #[must_use]
     pub fn broken(
         self,
@@ -195,14 +196,14 @@ impl Check {
         self.value.is_none_or(|value| self.limit.allows(value))
     }
 
-    /// The reason that it gives, if it is not kept and has a consequence.
+    /// Returns the reason that the check gives, if its limit is not met and this has a consequence.
     pub fn reason(&self) -> Option<Reason> {
         let (code, message) = (self.code.clone()?, self.message.clone()?);
         (self.severity > Severity::None).then_some(Reason { code, message })
     }
 
-    /// The reason to look at a limit that is not kept although no rule states the consequence: a fault of the
-    /// program, on the safe side.
+    /// Returns the reason for a review of a limit that is not met, if no rule states the consequence. This is a fault
+    /// of the program; the review is the safe reaction.
     fn unjudged(&self) -> Option<Reason> {
         let is_judged = self.is_kept() || self.reason().is_some();
         let (value, bound) = (self.value?, self.limit.bound().filter(|_| !is_judged)?);
@@ -308,7 +309,7 @@ mod tests {
         }
         let kept = Check::new("overhang", "mm", 1.99).at_most(2.0, SetBy::Program).without_consequence();
         assert_eq!(kept.limit, Limit::AtMost(2.0), "a limit that is kept stays beside its number");
-        // No rule states the consequence: a person looks.
+        // No rule states the consequence: a person must decide.
         for number in [2.005, f64::NAN] {
             let unjudged = Check { value: Some(number), ..over() };
             let judgement = Judgement::of_checks(std::slice::from_ref(&unjudged));

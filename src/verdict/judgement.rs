@@ -30,8 +30,8 @@ impl Verdict {
         self.into()
     }
 
-    /// How bad it is: of two verdicts on one object the larger number applies. A review is worse than a fail, since
-    /// no person has decided whether the evidence holds.
+    /// Returns how bad the verdict is: of two verdicts on one object the larger number applies. A review is worse than
+    /// a fail, since no person has decided whether the evidence holds.
     pub fn badness(self) -> u8 {
         match self {
             Verdict::Accept | Verdict::Pass => 0,

@@ -5,10 +5,10 @@ pub fn argument(name: &str) -> Option<String> {
     std::env::args().skip(1).find_map(|argument| Some(argument.strip_prefix(name)?.strip_prefix('=')?.to_owned()))
 }
 
-/// The same as a number.
+/// Returns the value of the argument with this name, as a number.
 ///
 /// # Panics
-/// If it is not a number, with the argument.
+/// If the value is not a number, with the argument.
 pub fn number(name: &str) -> Option<u64> {
     argument(name).map(|text| text.parse().unwrap_or_else(|error| panic!("{name}={text}: {error}")))
 }

@@ -1,9 +1,10 @@
-//! Simulated arms with errors of the KR 6's class: how far off the tool is over the panel before and after
+//! Simulated arms with errors of the KR 6's class: the error of the tool's position over the panel before and after
 //! `calibrate robot`, and whether the stated error holds. `cargo bench --bench arms -- [SEEDS]`.
 //!
-//! The judge is not the model that is estimated. Each arm here is a chain of Denavit–Hartenberg frames (with
-//! Hayati's turn for the nearly parallel axes 2 and 3). All numbers of the chain are off, every axis yields under
-//! the weight of the links, and gears err with the angle. In half of the arms these last two errors are larger.
+//! The arms are not simulated with the model that is estimated. Each arm here is a chain of Denavit–Hartenberg frames
+//! (with Hayati's turn for the nearly parallel axes 2 and 3). All parameters of the chain have errors, every axis
+//! yields under the weight of the links, and gears err with the angle. In half of the arms these last two errors are
+//! larger.
 
 #[path = "goal.rs"]
 mod goal;
@@ -32,7 +33,7 @@ const TOUCHES: usize = 10;
 const REPEAT_DEG: f64 = 0.001;
 const CORNER_PX: f64 = 0.05;
 const TOUCH_MM: f64 = 0.1;
-/// Targets: the contact error in mm, the share of the seeds that must keep it, and the share of places within the
+/// Targets: the contact error in mm, the share of the seeds that must meet it, and the share of positions within the
 /// stated error.
 const CONTACT_MM: f64 = 0.3;
 const SEEDS_SHARE: f64 = 0.95;
@@ -90,7 +91,8 @@ fn stood(arm: &TrueArm, joints: &Joints, random: &mut Pcg64) -> Isometry3<f64> {
     arm.base_from_flange(&Joints::from(joints.degrees().map(|deg| deg + REPEAT_DEG * normal(random))))
 }
 
-/// Returns joints, near a start, at which a chain brings the tip to a position: Newton over the first three axes.
+/// Returns joints, near a start, at which a chain brings the tip to a position: Newton's method over the first three
+/// axes.
 fn reached(
     chain: &dyn Fn(&Joints) -> Isometry3<f64>,
     tip: Vector3<f64>,
@@ -182,9 +184,9 @@ fn trial(seed: u64) -> Trial {
     Trial { arm, tip, data }
 }
 
-/// For each place of a panel, returns how far from it the tip lands when it is sent to the place that the fixed
-/// camera sees, and the stated error. Without the correction, the arm is as drawn, and mount and tip are the
-/// results for such an arm.
+/// For each point of a panel, returns the distance at which the tip lands from this point when it is sent to the point
+/// that the fixed camera sees, and the stated error. Without the correction, the arm has its nominal geometry, and
+/// mount and tip are the calibration results for this geometry.
 fn contacts(trial: &Trial, found: &RobotFound, is_corrected: bool) -> Vec<(f64, f64)> {
     let geometry = &trial.data.geometry;
     let (rigs, tip) = match is_corrected {
@@ -214,7 +216,8 @@ fn contacts(trial: &Trial, found: &RobotFound, is_corrected: bool) -> Vec<(f64, 
     all
 }
 
-/// Returns the largest distance of the flange from its place by the arm as drawn, in the measured poses, mm.
+/// Returns the largest distance between the flange's true position and its position by the nominal geometry, over the
+/// measured poses, mm.
 fn off_mm(trial: &Trial) -> f64 {
     let off = |view: &ArmView| {
         let joints = view.pose.joints.unwrap_or_default();

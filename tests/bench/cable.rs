@@ -1,24 +1,23 @@
 //! A cable that lies, between the service as one process and the controller as another. A TCP proxy of this bench
-//! carries both channels, and at one moment of a cycle it sends one lie. Whole cycles run by the wall clock,
-//! several cells in parallel. Exit code 1 on any violation; a scenario whose lie was never sent is counted as such
-//! and never as passed. `cargo bench --bench cable -- [scenarios=316] [cells=6] [seed=1] [net=77] [only=N]
-//! [keep=FOLDER] [tried=WORD] [program=FILE]`
+//! carries both channels, and at one moment of a cycle it sends one lie. Whole cycles run by the wall clock, several
+//! cells in parallel. Exit code 1 on any violation; a scenario whose lie was never sent is counted as such and never
+//! as passed. `cargo bench --bench cable -- [scenarios=316] [cells=6] [seed=1] [net=77] [only=N] [keep=FOLDER]
+//! [tried=WORD] [program=FILE]`
 //!
-//! Everything is judged by the controller's own reports or by facts outside the service. `cable/judges.rs` judges
-//! the arm, its outputs, a stop that is pressed and a verdict. This file judges the rest. After the lie, `clear`,
-//! `reset` and `start` succeed and a whole honest cycle ends complete. Each verdict has its signed record and its
-//! page, and `panelprep store verify` finds nothing. The service continues to run, has not panicked and feeds its
-//! watchdog.
+//! Everything is judged by the controller's own reports or by facts outside the service. `cable/judges.rs` judges the
+//! arm, its outputs, a stop that is pressed and a verdict. This file judges the rest. After the lie, `clear`, `reset`
+//! and `start` succeed and a whole honest cycle ends complete. Each verdict has its signed record and its page, and
+//! `panelprep store verify` finds nothing. The service continues to run, has not panicked and feeds its watchdog.
 //!
-//! One thing cannot be required: the messages carry counts and epochs, and each number has its range, but there is
-//! no checksum. TCP has one, so a cable does not produce a value that is wrong but still possible (another waypoint
-//! within range, an input's bit). Such lies are sent nevertheless, because they must not do any harm: the judges
-//! hold, and the cell recovers. If a cycle does not notice one, it is counted as unnoticed, which is not a
-//! violation.
+//! One thing cannot be required: the messages carry counts and epochs, and each number has its range, but there is no
+//! checksum. TCP has one, so a cable does not produce a value that is wrong but still possible (another waypoint
+//! within range, an input's bit). Such lies are sent nevertheless, because they must not do any harm: the judges'
+//! requirements are met, and the cell recovers. If a cycle does not notice one, it is counted as unnoticed, which is
+//! not a violation.
 //!
-//! Each cell has two addresses of its own, 127.net.place.1 and .2, so parallel runs need different numbers for
-//! `net`. `tried` tests the judges (`cable/tried.rs` has the words): the controller's reports are changed before
-//! the judges receive them, and the judges must find each change. `keep` writes all messages to a folder.
+//! Each cell has two addresses of its own, 127.net.place.1 and .2, so parallel runs need different numbers for `net`.
+//! `tried` tests the judges (`cable/tried.rs` has the words): the controller's reports are changed before the judges
+//! receive them, and the judges must find each change. `keep` writes all messages to a folder.
 
 #[path = "arguments.rs"]
 mod arguments;

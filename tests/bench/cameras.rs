@@ -31,7 +31,8 @@ fn main() -> ExitCode {
     }
 }
 
-/// Writes this exposure's own picture: one of the cell's, with the exposure's number in its first eight bytes.
+/// Writes a picture for this exposure: one of the cell's pictures, with the exposure's number in its first eight
+/// bytes.
 fn expose(pictures: &[Vec<u8>], exposure: u64, pixels: &mut [u8]) {
     let shown = &pictures[exposure as usize % pictures.len()];
     let both = shown.len().min(pixels.len());

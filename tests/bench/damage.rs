@@ -108,7 +108,7 @@ fn main() -> ExitCode {
     if wrong == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// The result of the stages on the undamaged files with one of them damaged.
+/// A function that returns the result of the stages on the files, one of which is damaged.
 type Part = fn(&Held, &Damage, &mut Pcg64) -> Found;
 
 /// A function that damages the bytes of a file.

@@ -1,8 +1,7 @@
-//! The robot link: the number of commands a second, the time from a lost acknowledgement to STOP on the wire, and
-//! long paths without a stop. Also an abort through hostile clients of the service, and 200,000 walks over the
-//! controller's programs. Prints a table; exit code 1 if a target is missed. `cargo bench --bench link --
-//! [TRIALS]`, the aborts alone with `-- socket`, `-- page` and `-- disk`, the walks alone with
-//! `-- programs [WALKS]`.
+//! The robot link: the number of commands a second, the time from a lost acknowledgement to STOP on the wire, and long
+//! paths without a stop. Also measures an abort while hostile clients use the service, and runs 200,000 random walks
+//! over the controller's programs. Prints a table; exit code 1 if a target is missed. `cargo bench --bench link --
+//! [TRIALS]`, the aborts alone with `-- socket`, `-- page` and `-- disk`, the walks alone with `-- programs [WALKS]`.
 
 #[path = "../link/cell.rs"]
 #[allow(dead_code, reason = "the tests use the rest")]
@@ -52,14 +51,14 @@ const MAX_SOCKET_DELAY: Duration = Duration::from_millis(100);
 const SOCKET_TRIALS: usize = 500;
 /// Each trial lasts longer than the disk hangs.
 const HANGING_TRIALS: usize = 20;
-/// Number of people who look on at the page.
+/// Number of people who watch the page.
 const VIEWERS: usize = 20;
 /// Number of links that are tried at the same time; each has its own thread.
 const LINKS: usize = 8;
 const TIMEOUT: Duration = Duration::from_secs(20);
-/// A progress line is printed after each block of this number of walks.
+/// A progress line is printed after each block of this number of random walks.
 const PROGRESS_WALKS: usize = 5_000;
-/// Number of walks over the controller's shipped programs.
+/// Number of random walks over the controller's shipped programs.
 const PROGRAM_WALKS: u64 = 200_000;
 
 fn main() -> ExitCode {
@@ -105,7 +104,7 @@ fn main() -> ExitCode {
     if missed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// Runs seeded walks of the client against the shipped programs, which are executed.
+/// Runs seeded random walks of the client against the shipped programs, which are executed.
 fn walks_of_the_programs(walks: u64) -> bool {
     let (shipped, started) = (programs::texts("config/kuka"), Instant::now());
     let loaded = programs::load(&shipped);
@@ -154,7 +153,7 @@ fn abort_on_a_hanging_disk() -> bool {
     report(("abort by the service's socket to the frame", figure), &disk, found)
 }
 
-/// Measures an abort from the operator's page to the wire, while others look on and one viewer reads nothing.
+/// Measures an abort from the operator's page to the wire, while others watch the page and one viewer reads nothing.
 fn abort_on_the_page() -> bool {
     let found = link::socket::aborts_on_the_page(SOCKET_TRIALS, VIEWERS);
     let figure = Figure("link: abort on the operator's page to the STOP frame, p99");

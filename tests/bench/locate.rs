@@ -1,8 +1,8 @@
-//! Localization against the renderer's ground truth: panels of many shapes anywhere in a search box, scenes that
-//! must not be accepted, and wet verifications. Some of the scans also go through other people's libraries. All
-//! scans have full size and the true calibration. `cargo bench --bench locate --
-//! [good|bad|bows|held|teach|correlated|wet|memory|peers]… [SEEDS|FIRST-LAST]`; `make bench-locate` sets up the
-//! peers and names their Python in `PANELPREP_PEERS`.
+//! Localization against the renderer's ground truth: panels of many shapes anywhere in a search box, scenes that must
+//! not be accepted, and wet verifications. Some of the scans are also processed by third-party libraries. All scans
+//! have full size and the true calibration. `cargo bench --bench locate --
+//! [good|bad|bows|held|teach|correlated|wet|memory|peers]… [SEEDS|FIRST-LAST]`; `make bench-locate` sets up the peers
+//! and names their Python in `PANELPREP_PEERS`.
 
 use goal::Figure;
 use panelprep::geometry::{Base, Camera, Rigid};
@@ -144,7 +144,8 @@ fn tried(trial: &Trial) -> Tried {
     located(trial, taught(trial))
 }
 
-/// The same with further keys of the recipe's panel. If the panel cannot be taught, prints why and returns `None`.
+/// Tries a trial with further keys of the recipe's panel. If the panel cannot be taught, prints why and returns
+/// `None`.
 fn tried_with(trial: &Trial, keys: &str) -> Option<Tried> {
     let recipe = recipe(trial, keys);
     match TaughtPanel::learn(&trial.taught_scan(), *trial.camera(), trial.base_from_camera(), &recipe) {
@@ -166,7 +167,7 @@ fn range_errors() -> RangeErrors {
     RangeErrors { scale: 0.0, ..RangeErrors::default() }
 }
 
-/// The same with these known errors of the scans and this known mount of the camera.
+/// Localizes a trial's panel with these known errors of the scans and this known mount of the camera.
 fn located_with(
     trial: &Trial,
     (panel, recipe): (TaughtPanel, Recipe),
@@ -317,7 +318,7 @@ fn bad(scenes: RangeInclusive<u64>) -> usize {
             _ => 2,
         };
         table[kind][at] += 1;
-        // The taught panel, found at its true place, is not wrong; another kind of panel is.
+        // If the taught panel is found at its true pose, this is not wrong; another kind of panel is wrong.
         let other = !matches!(
             Wrong::ALL[kind],
             Wrong::Hidden
@@ -329,8 +330,8 @@ fn bad(scenes: RangeInclusive<u64>) -> usize {
                 | Wrong::Bent
                 | Wrong::Warped
         );
-        // The right place of a bent panel is the one where it lies nearest. Along its normal, the measured surface
-        // follows it.
+        // The correct pose of a bent panel is the one at which the taught panel lies nearest to it. Along the panel's
+        // normal, the measured surface follows the bend.
         let error_mm = match Wrong::ALL[kind] {
             Wrong::Bent | Wrong::Warped => tried.fit.as_ref().and_then(|fit| trial.aside_mm(&fit.base_from_panel)),
             _ => tried.error.map(|error| error.max_mm),

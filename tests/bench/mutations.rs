@@ -23,7 +23,7 @@ const LATE_S: u64 = 60;
 
 /// The result of a mutation.
 enum Outcome {
-    /// The number of seeds until it was found, and the judge's message.
+    /// The number of seeds until the mutation was found, and the judge's message.
     Found(u64, String),
     NotFound(u64),
     /// In this seed.
@@ -140,7 +140,7 @@ impl Bench {
         let executable = self.build();
         shipped.iter().for_each(|(path, text)| put(path, text));
         let world = self.tree.with_file_name("world");
-        // A world that still runs keeps its file, which only loses its name.
+        // A world that still runs keeps the file's contents; only the file's name is removed here.
         let _ = std::fs::remove_file(&world);
         std::fs::copy(executable?, &world).unwrap_or_else(|error| panic!("{}: {error}", world.display()));
         Some(world)
@@ -148,8 +148,8 @@ impl Bench {
 
     fn build(&self) -> Option<PathBuf> {
         let mut cargo = Command::new("cargo");
-        // Cargo's variables about this bench's own package would make build scripts run again, and everything above
-        // them build again.
+        // Cargo's variables about this bench's own package would make build scripts run again, and everything that
+        // depends on these scripts would be built again.
         for (name, _) in std::env::vars_os() {
             if ["CARGO_PKG_", "CARGO_MANIFEST_"].iter().any(|own| name.to_string_lossy().starts_with(own)) {
                 cargo.env_remove(name);

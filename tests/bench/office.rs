@@ -1,11 +1,11 @@
 //! Records on their way to the office while everything is killed: `make bench-office`.
 //!
-//! 50 cells, each a separate process with a real store and the service's sender, write the cycles of a day (144
-//! each, one every ten minutes) as fast as possible. Meanwhile broker, database, archive and cells are killed 1,000
-//! times in all, as a power cut does, and their network is cut and delayed. Afterwards `archive check` compares the
-//! archive with every store: nothing lost, nothing twice, in order. Then a single cell sends a backlog of 10,000
-//! records at once, and 200 cycles with pictures as large as those of a real camera. At last the office's pages are
-//! timed over a database of 1,000,000 records.
+//! 50 cells, each a separate process with a real store and the service's sender, write the cycles of a day (144 each,
+//! one every ten minutes) as fast as possible. Meanwhile broker, database, archive and cells are killed 1,000 times in
+//! all, as a power cut does, and their network is cut and delayed. Afterwards `archive check` compares the archive
+//! with every store: no record is lost, none is stored twice, and all are in order. Then a single cell sends a backlog
+//! of 10,000 records at once, and 200 cycles with pictures as large as those of a real camera. At last the office's
+//! pages are timed over a database of 1,000,000 records.
 //!
 //! `CELLS`, `KILLS`, `CYCLES`, `RECORDS` and `SEED` change the numbers. The cells' clock is not simulated: only the
 //! time between cycles is compressed.
@@ -207,8 +207,8 @@ fn killed(programs: &Path, (count, kills, cycles): (usize, usize, usize), seed: 
     }
 }
 
-/// One cell that was long without an office: this number of records, two for each cycle, with pictures of this
-/// size.
+/// Tests one cell that had no connection to the office for a long time: this number of records, two for each cycle,
+/// with pictures of this size.
 fn caught_up(programs: &Path, (records, picture_bytes): (usize, usize), wanted_s: Option<f64>) -> bool {
     let folder = tempfile::tempdir().expect("a folder");
     let store = folder.path().join("store");

@@ -98,7 +98,7 @@ fn lens(set: &str, files: &[PathBuf], board: &str, out: &Path) -> usize {
     usize::from(!good)
 }
 
-/// Calibrates the camera's mount, and what the poses show of the arm.
+/// Calibrates the camera's mount, and the arm as far as the poses show it.
 fn mounted(set: &str, folder: &Path, board: &str, mount: &str, out: &Path) -> usize {
     let lens = out.join(format!("{set}.toml"));
     let Some(poses) = poses(folder).filter(|_| lens.is_file()) else {

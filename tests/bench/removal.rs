@@ -47,8 +47,8 @@ fn main() -> ExitCode {
     }
 }
 
-/// The tables of Technologies 2025, 13, 498 (primer, 20 N, 40 mm/s, 2000 rev/min, P80: 27.5 µm) are pictures. Its
-/// text contains one depth only, and nothing can be fitted to half of that.
+/// The tables of Technologies 2025, 13, 498 (primer, 20 N, 40 mm/s, 2000 rev/min, P80: 27.5 µm) are pictures. Its text
+/// contains only one depth, and one value cannot be used both to fit the model and to check it.
 fn published() -> usize {
     println!(
         "   not run: of the published tables the one depth of the abstract is in text, the others are in pictures"

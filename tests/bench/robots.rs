@@ -57,7 +57,7 @@ fn row(seed: u64, arm_mm: f64, uncorrected: bool, result: &Value, worst: &mut Wo
         && surface <= SURFACE_MAX_MM
         && coverage >= COVERAGE_MIN
         && result["verdict"] == "pass";
-    // An arm that is refused because of its own touch has harmed nothing.
+    // An arm that is refused after its own check by touching has done no harm.
     let is_refused = uncorrected && result["verdict"] == "reject" && abrade.is_empty();
     let state = match (is_right, is_refused, uncorrected) {
         (true, ..) => "ok",

@@ -1,15 +1,15 @@
 //! A service that runs for hours under all loads at once. Cycles run one after the other, each recorded, and an
-//! operator holds, stops and aborts some. There are readers of the page and its events, programs that poll the
-//! socket, and connections that are silent or send half a request. Its memory and its descriptors do not grow, and
-//! systemd's watchdog hears from it at least twice as often as required. Exit code 1 if one of these fails, a
-//! request was never answered, or the service ended by itself. `cargo bench --bench soak -- [minutes=120]
-//! [report_s=60] [pace=wall|line] [program=FILE]`
+//! operator holds, stops and aborts some. There are readers of the page and its events, programs that poll the socket,
+//! and connections that are silent or send half a request. Its memory and its descriptors do not grow, and it reports
+//! to systemd's watchdog at least twice as often as required. Exit code 1 if one of these fails, a request was never
+//! answered, or the service ended by itself. `cargo bench --bench soak -- [minutes=120] [report_s=60] [pace=wall|line]
+//! [program=FILE]`
 //!
-//! By the wall clock (`pace=wall`) the robot's controller is another process (`panelprep mock-robot`), and its
-//! panel is greasy only in the first cycle. With `pace=line` a simulated line brings greasy parts in lock step, so
-//! that there are many more cycles, each with an abrasion. These cannot be recorded. The simulated controller is
-//! then a part of the service and keeps the log of all its motions (0.3 MB a cycle), so its memory is reported and
-//! not judged. `program` is another build of the program than this bench's own.
+//! By the wall clock (`pace=wall`) the robot's controller is another process (`panelprep mock-robot`), and its panel
+//! is greasy only in the first cycle. With `pace=line` a simulated line brings greasy parts in lock step, so that
+//! there are many more cycles, each with an abrasion. These cannot be recorded. The simulated controller is then a
+//! part of the service and keeps the log of all its motions (0.3 MB a cycle), so its memory is reported and not
+//! judged. `program` is another build of the program than this bench's own.
 
 #[path = "arguments.rs"]
 mod arguments;

@@ -85,8 +85,8 @@ fn held(what: &str, found: f64, most: f64, unit: &str) -> usize {
 struct Timed {
     /// Time by the wall clock, which includes other work on the machine, ms.
     wall_ms: f64,
-    /// On the processors, all threads together, divided by their number. It is the wall clock's time on an idle
-    /// machine on which all threads work all the time.
+    /// Time on the processors of all threads together, divided by the number of threads, ms. It is the wall clock's
+    /// time on an idle machine on which all threads work all the time.
     share_ms: f64,
 }
 

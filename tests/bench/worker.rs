@@ -1,6 +1,6 @@
-//! The 3D camera's worker, as `make bench-worker` measures it: a full-size shot through its socket beside a plain
-//! copy of the same number of bytes. A worker is also killed two hundred times. The camera is the played one, so
-//! these numbers do not include the SDK.
+//! The 3D camera's worker, as `make bench-worker` measures it: a full-size shot through its socket beside a plain copy
+//! of the same number of bytes. A worker is also killed two hundred times. The camera's shots are played back without
+//! a camera, so these numbers do not include the SDK.
 //!
 //! `cargo bench --bench worker -- [shots] [kills]`
 

@@ -1,4 +1,4 @@
-//! Files that give no calibration: the message states what is needed, and comes soon; nothing is written.
+//! Files that give no calibration: the message states what is needed and is given soon, and nothing is written.
 
 use super::files::{panelprep, pose_text, poses_of, save, small_cell, write};
 use crate::boards::GOOD_ROBOT;
@@ -80,8 +80,8 @@ fn bad_input_is_told_and_writes_nothing() {
     }
 }
 
-/// A lens that was seen only in the middle of the picture is written with that part, and `check` reports it. A
-/// verification with a board outside of that part is refused and not kept.
+/// A lens that was calibrated only in the middle of the picture is written with that part, and `check` reports it. A
+/// verification with a board outside of that part is refused and not stored.
 #[test]
 fn outside_of_what_a_lens_was_seen_in_nothing_is_measured() {
     let cell = small_cell();
@@ -170,7 +170,8 @@ fn a_look_without_its_board_ends_soon() {
             60.0 * minutes.parse::<f64>().expect("minutes") + seconds.parse::<f64>().expect("seconds")
         });
         let taken_s: f64 = taken.sum();
-        // A search that gets lost took minutes; `cargo bench --bench boards` measures its speed.
+        // A search that followed wrong candidates took minutes before; `cargo bench --bench boards` measures the
+        // search's speed.
         assert!(taken_s < 20.0, "{name}: {taken_s} s");
     }
 }

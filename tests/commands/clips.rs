@@ -50,14 +50,14 @@ fn a_labelled_set_is_scored_and_a_clip_gives_advice() {
     let thesis = recipe.replace("method = \"film\"", "method = \"thesis\"");
     std::fs::write(folder.join("cell/thesis.toml"), thesis).expect("written");
     let (exit, advice) = json(folder, &tune.replace("recipe.toml", "thesis.toml"));
-    // Half of 28 grey levels, four times, is 56.
+    // Half of 28 grey levels, times four, is 56.
     assert!(exit == 0 && advice["threshold"].as_u64().is_some_and(|it| (48..66).contains(&it)), "{advice}");
     assert!(advice["best_threshold"]["iou"].as_f64().is_some() && advice["persist_s"].is_null(), "{advice}");
 }
 
-/// With a quarter of the pixels each way, the smallest visible break is 16 times coarser. The rendered recipe
-/// states this. A recipe that requires the cell's 5 mm² is for a person when it is taught, and gives no valid test
-/// on a clip or in the cycle. Without `--located`, a panel that is not at its nominal place is not judged.
+/// With a quarter of the pixels in each direction, the smallest visible break is 16 times larger. The rendered recipe
+/// states this. A recipe that requires the cell's 5 mm² needs a person's decision when it is taught, and gives no
+/// valid test on a clip or in the cycle. Without `--located`, a panel that is not at its nominal place is not judged.
 #[test]
 fn a_break_that_may_be_missed_and_a_panel_elsewhere_are_no_test() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -83,7 +83,7 @@ fn a_break_that_may_be_missed_and_a_panel_elsewhere_are_no_test() {
     let (_, told) = json(folder, &format!("{inspect} --located located.json"));
     assert_ne!(told["verdict"].as_str(), Some("invalid"), "{told}");
     assert!(told["outline_off_px"].as_f64().is_some_and(|off_px| off_px < 0.7), "{told}");
-    // A grid that a person states as abraded since the dry picture is compared only with its wet look.
+    // A grid that a person states as abraded since the dry picture is compared only with its wet appearance.
     let (exit, told) = json(folder, &format!("{inspect} --located located.json --abraded r2c3"));
     let references: Vec<&str> =
         told["grids"].as_array().expect("grids").iter().filter_map(|grid| grid["reference"].as_str()).collect();

@@ -4,7 +4,8 @@ use super::{LOCATE, REFINE, TEACH, VERIFY, fixture, json, keep, rendered};
 use serde_json::Value;
 use std::path::Path;
 
-/// Each bad input, with words that its message must contain. Everything before the fault stays.
+/// Each bad input is refused, with words that its message must contain. Everything that was made before the fault is
+/// preserved.
 #[test]
 fn bad_input_is_refused_with_file_and_reason() {
     let folder = rendered("clean");

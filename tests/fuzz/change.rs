@@ -1,4 +1,4 @@
-//! Seeded changes of bytes, as damage and as other people's programs make them.
+//! Seeded changes of bytes, such as damage and foreign programs cause.
 
 use rand::RngExt;
 use rand_pcg::Pcg64;

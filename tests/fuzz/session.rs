@@ -140,7 +140,7 @@ impl Run<'_> {
             13 => self.session.interrupt(StopCause::GuardOpen),
             14 => {
                 let last = u32::from(self.bytes.or_zero());
-                // Refused if no epoch is open.
+                // The call is refused if no epoch is open.
                 self.session.permit((last > 0).then_some(CommandId(last))).ok();
             }
             _ => self
@@ -228,7 +228,7 @@ impl Run<'_> {
         self.heard.request = number(text, "Id");
         match number(text, "Op") {
             ABORT => {
-                // The request stops the epoch whatever its number is. A number that does not follow leaves the
+                // The request stops the epoch whatever its number is. A number that is not the next one leaves the
                 // controller's count unchanged.
                 if next > self.heard.epoch {
                     (self.heard.epoch, self.heard.command, self.heard.done) = (next, 0, 0);

@@ -27,7 +27,7 @@ pub struct Target {
     pub name: &'static str,
     /// Reads these bytes.
     pub run: fn(&[u8]),
-    /// Inputs that it accepts, or nearly.
+    /// Inputs that the reader accepts, or nearly accepts.
     pub seeds: fn() -> Vec<Vec<u8>>,
 }
 
@@ -347,8 +347,8 @@ fn born_node() -> EdgeNode {
 }
 
 /// A message of an MQTT broker on each topic of a node that is born, three times within a second. It causes at most
-/// one request of each kind, and only a birth is published. A refused message has a line of the audit trail, as
-/// long as its minute allows more lines.
+/// one request of each kind, and only a birth is published. A refused message has a line of the audit trail, as long
+/// as the limit of lines in a minute allows this.
 fn node(bytes: &[u8]) {
     let (mut node, ncmd) = (born_node(), "spBv1.0/G/NCMD/cell");
     let mut acts = Vec::new();

@@ -152,7 +152,7 @@ fn the_rules_that_the_mock_shares_are_written_as_it_keeps_them() {
     );
     has("CELL_ABORT", &["CELL_STOP(FALSE)", "IF CELL_FOLLOWS(NUMBER) THEN", "CELL_BEGIN(NUMBER)"]);
     has("CELL_RESET", &["DECL INT NUMBER", "IF CELL_FOLLOWS(NUMBER) THEN"]);
-    // A stop of a program that is paused, or that must stand still at once, resets it.
+    // A stop resets a program that is paused, or that must be at standstill at once.
     has("CELL_STOP", &["IF AT_ONCE OR ($PRO_STATE1==#P_STOP) THEN", "CELL_RESET_DUE=CELL_READY"]);
     // Outputs that are not listed are refused; inputs only if they are mapped.
     has(
@@ -173,8 +173,8 @@ fn the_rules_that_the_mock_shares_are_written_as_it_keeps_them() {
     );
     // A state's number continues from 0.
     has("CELL_TELL_STATE", &["IF CELL_SEQ<2147483647 THEN", "CELL_SEQ=CELL_SEQ+1", "ELSE", "CELL_SEQ=0"]);
-    // 3 s without a request, whatever commands arrive and whatever client tries to connect beside a client that is
-    // gone.
+    // A client is dropped after 3 s without a request, whatever commands arrive, and whatever client tries to connect
+    // beside a client that is gone.
     has(
         "CELL_LINKS",
         &[

@@ -1,8 +1,8 @@
-//! The modules inside each room: no file names, directly or through others, a file that names it in turn.
+//! The files inside each top-level module: no file names, directly or through others, a file that names it in turn.
 //!
 //! The graph has a node for each file and an edge for each path that the code of one file names in another. A name
-//! that a module only re-exports counts for the module that defines it. Code that is compiled only for tests does
-//! not count.
+//! that a module only re-exports counts for the module that defines it. Code that is compiled only for tests does not
+//! count.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -219,7 +219,8 @@ impl Crate {
             name if here.children.contains(name) || here.items.contains(name) => self.walk(module, path, depth),
             name => {
                 let import = here.imports.get(name)?;
-                // A crate's `use tracing;` and `use name;` refer to themselves.
+                // Imports of a whole crate, such as `use tracing;` and `use name;`, refer to themselves and are not
+                // followed.
                 let own = import.first() == Some(first);
                 if own { None } else { self.defining(module, &[import, rest].concat(), depth + 1) }
             }
@@ -253,7 +254,7 @@ impl Crate {
         }
     }
 
-    /// Returns, for each file of a room, the files of the same room that it names.
+    /// Returns, for each file of a top-level module, the files of the same module that it names.
     fn edges(&self, room: &str) -> Edges {
         let mut edges = Edges::new();
         for (path, module) in
@@ -262,7 +263,8 @@ impl Crate {
             let named = edges.entry(module.file.clone()).or_default();
             for name in &module.named {
                 let Some(target) = self.defining(path, name, 0) else { continue };
-                // An import of a whole parent module only leads to names, and those are found at their use.
+                // The import of a whole parent module only gives access to names, and these names are found at their
+                // use.
                 let is_way = path.starts_with(&target) && self.names_module(path, name, &target);
                 let file = &self.modules[&target].file;
                 if *file != module.file && file.first().is_some_and(|first| first == room) && !is_way {
@@ -284,7 +286,7 @@ impl Crate {
         self.modules.keys().filter_map(|path| path.first().cloned()).collect()
     }
 
-    /// Returns the circles of a room, by name.
+    /// Returns the circles of a top-level module, by name.
     pub fn circles(&self, room: &str) -> Vec<Circle> {
         let edges = self.edges(room);
         let reached: BTreeMap<&ModulePath, BTreeSet<&ModulePath>> =

@@ -3,7 +3,7 @@
 //!
 //! Time jumps from one event to the next: a tick of the controller, a deadline of the session, an arrival of bytes.
 
-// By its path, because benches include this file by its own path.
+// The module is named by its path, because benches include this file by its own path.
 #[path = "cell/transport.rs"]
 mod transport;
 
@@ -108,8 +108,8 @@ pub trait Watch {
     fn look(&mut self, _cell: &Insides<'_>) {}
 }
 
-/// Decides what becomes of a message on its way: which way (true: to the controller), which channel (0: commands,
-/// 1: states), its bytes. `None` leaves it unchanged; otherwise these pieces travel, each this number of ms later
+/// Decides what happens to a message, by its direction (true: to the controller), its channel (0: commands, 1: states)
+/// and its bytes. `None` leaves the message unchanged; otherwise these pieces are sent, each this number of ms later
 /// than usual.
 pub type Tamper = Box<dyn FnMut(bool, usize, &[u8]) -> Option<Vec<(u64, Vec<u8>)>> + Send>;
 
@@ -125,7 +125,7 @@ pub struct Insides<'a> {
     pub now_ms: u64,
     /// Time at which bytes of the state channel last reached the client.
     pub heard_ms: u64,
-    /// The client's process is stalled.
+    /// Whether the client's process is stalled.
     pub stalled: bool,
 }
 
@@ -165,7 +165,7 @@ impl Cell {
         Cell::within(setup, limits, seed, Box::new(Unwired))
     }
 
-    /// Returns a cell that is not connected yet; the controller's terminals lead to this world.
+    /// Returns a cell that is not connected yet; the controller's terminals are connected to this world.
     pub fn within(setup: Setup, limits: LinkLimits, seed: u64, world: Box<dyn World>) -> Self {
         Cell {
             session: Session::new(wire(), limits, Pace::Wall),

@@ -26,7 +26,7 @@ impl<'a> Field<'a> {
         self.tag.split_once("/@").expect("an attribute")
     }
 
-    /// The range of its value in the document.
+    /// The range of the field's value in the document.
     fn place(&self, document: &str) -> std::ops::Range<usize> {
         let (path, name) = self.parts();
         let element = format!("<{} ", path.rsplit('/').next().expect("a name"));

@@ -55,7 +55,7 @@ pub struct Oracles {
     pub is_low: Option<fn(&Controller) -> bool>,
     /// Bits of the outputs for which silence counts as if a command were queued, while one of them is on.
     pub harmful_outputs: u32,
-    /// One of them was on at the last report to the client.
+    /// Whether one of these outputs was on at the last report to the client.
     is_harmful: bool,
     points: BTreeMap<(u32, u32), MoveLin>,
     /// Duration of the motion to each point, ms.
@@ -68,8 +68,8 @@ pub struct Oracles {
     first_sent_ms: BTreeMap<u32, u64>,
     ended_ms: BTreeMap<u32, u64>,
     open: Option<Epoch>,
-    /// Time since which the client has no epoch; `unable_ms` is the last time at which no robot program could have
-    /// helped.
+    /// Time since which the client has had no epoch; `unable_ms` is the last time at which no robot program was able
+    /// to react.
     closed_ms: Option<u64>,
     unable_ms: u64,
     told_done: CommandId,
@@ -77,7 +77,7 @@ pub struct Oracles {
     moved_ms: u64,
     /// Time at which the link was last completely connected.
     linked_ms: u64,
-    /// Whether the arm could not move for a while during this contact: a person jogs it off from there.
+    /// Whether the arm could not move for a while during this contact: a person then jogs the arm off the panel.
     left_there: bool,
     executed: usize,
     last_executed: BTreeMap<i32, i32>,
@@ -104,7 +104,7 @@ impl Oracles {
         self.points.extend(points.iter().zip(first..).map(|(point, id)| ((epoch.0, id), *point)));
     }
 
-    /// The same, if only their duration is judged.
+    /// Adds a queued path of which only the duration is judged.
     pub fn lasts(&mut self, epoch: Epoch, last: CommandId, points: &[MoveLin], speed_m_s: f64) {
         let first = last.0 + 1 - points.len() as u32;
         let mut before = points[0].pose;
@@ -157,7 +157,8 @@ impl Oracles {
         self.violation.get_or_insert_with(|| format!("{now_ms} ms: {what}"));
     }
 
-    /// Executed once, in order, as sent, to the target that was sent, and not after its epoch's end.
+    /// Checks that a command is executed once, in order, as sent, to the target that was sent, and not after the end
+    /// of its epoch.
     fn judge_executed(&mut self, step: &Executed, stops: &[Stop]) {
         let (epoch, id) = (step.epoch.cast_unsigned(), step.id.cast_unsigned());
         let now_ms = step.time_ms;
@@ -197,7 +198,8 @@ impl Oracles {
         let controller = cell.controller;
         let (now_ms, joints) = (cell.now_ms, controller.joints());
         let before = *self.joints.get_or_insert(joints);
-        // Block coincidence, to the arm's present place: $AXIS_ACT_MEAS is rounded to 32 bits.
+        // So small a change is the block coincidence at the arm's present position: $AXIS_ACT_MEAS is rounded to 32
+        // bits.
         if before == joints || (is_program(cell) && apart_deg(&before, &joints) < 1e-3) {
             return;
         }
@@ -253,7 +255,8 @@ impl Oracles {
         if (stopped && last_stop.is_some_and(|stop| stop.cause.is_at_once())) || !cell.controller.can_move() {
             self.left_there = true;
         } else if !stopped && !low {
-            // A person jogs it off, or the next path does: an epoch that is only opened moves nothing.
+            // A person jogs the arm off the panel, or the next path moves it away: an epoch that is only opened moves
+            // nothing.
             self.left_there = false;
         }
         if self.left_there {
@@ -331,8 +334,8 @@ impl Oracles {
         }
     }
 
-    /// Returns when the controller ended an epoch that the client had ended at that time, plus the time that its
-    /// program may need.
+    /// Returns the time at which the controller ended an epoch that the client had ended at the given time, plus the
+    /// time that the controller's program may need.
     fn late_end_ms(&self, cell: &Insides<'_>, closed_ms: u64) -> u64 {
         let latest_ms = closed_ms + SILENCE_MS + self.delay_ms;
         let stop = cell.controller.stops().last().filter(|stop| stop.time_ms <= latest_ms);

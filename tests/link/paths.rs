@@ -27,7 +27,8 @@ fn meander(points: usize) -> Vec<MoveLin> {
     points
 }
 
-/// 10,000 points at 20 ms round trip: none starves, and the arm never stands still before the end.
+/// 10,000 points at 20 ms round trip: the controller never runs out of points, and the arm does not stop before the
+/// end.
 #[test]
 fn ten_thousand_points_run_without_a_stop() {
     let mut cell = Cell::ready(setup(Clock::Free), 0.15);

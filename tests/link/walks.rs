@@ -1,9 +1,10 @@
-//! Seeded walks: a client that sends one path after another, with every possible fault on the way, in virtual time.
+//! Seeded random walks: a client that sends one path after another, with every possible fault on the way, in virtual
+//! time.
 //!
-//! A walk has at least 100 commands, 3 faults and 20 s. Steps without a fault are far more likely than faults, so
-//! that the walk reaches motion. At the end all faults are removed, and the link must reconnect and execute a path.
+//! A walk has at least 100 commands, 3 faults and 20 s. Steps without a fault are far more likely than faults, so that
+//! the walk reaches motion. At the end all faults are removed, and the link must reconnect and execute a path.
 
-// By its path, because a bench includes this file by its own path.
+// The module is named by its path, because a bench includes this file by its own path.
 #[path = "walks/faults.rs"]
 mod faults;
 
@@ -60,7 +61,7 @@ struct Walk {
     home_at_ms: Option<u64>,
     /// Whether the controller executes the shipped programs.
     is_program: bool,
-    /// A line receives outputs in each round.
+    /// Whether a line receives outputs in each round.
     has_line: bool,
 }
 

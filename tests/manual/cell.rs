@@ -1,6 +1,6 @@
 //! A cell whose devices are reached only over their real interfaces. The controller is reached by EthernetKRL and
-//! executes its own programs. The camera on the flange uses GigE Vision over the loopback interface, the scanner
-//! the played Zivid library. Their pictures come from `scenery`.
+//! executes its own programs. The camera on the flange uses GigE Vision over the loopback interface, and the scanner
+//! uses the tests' Zivid library, which plays shots. The pictures of both come from `scenery`.
 
 use super::scenery::{CellContents, Flicker, REDUCTION, SEED, Scenery};
 use panelprep::cell;
@@ -47,7 +47,7 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// The cell's cameras; if this machine cannot run them, the reason.
+    /// Starts the cell's cameras; if this machine cannot run them, returns the reason.
     pub fn new(folder: &Path) -> Result<Self, String> {
         let scenery = Shared::new(Scenery::new());
         let camera = scenery.boards.flange_camera();

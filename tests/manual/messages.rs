@@ -44,7 +44,7 @@ fn function<'t>(text: &'t str, begins: &str) -> &'t str {
     rest.split(&format!("\n{}}}", " ".repeat(indent))).next().unwrap_or_default()
 }
 
-/// The results of the arms of a match, if they begin with a word.
+/// Returns the results of the arms of a match expression, if they begin with a word.
 fn arms(text: &str) -> impl Iterator<Item = String> {
     text.split("=>").skip(1).filter_map(|arm| word(arm.trim_start_matches(['{', '(', ' ', '\n'])))
 }

@@ -1,6 +1,6 @@
-//! The manual, followed by a person who has only the package: every command of every page in its order, in one
-//! cell. Its cameras and controller are reached only over their real interfaces. At its end a greasy panel was
-//! found, abraded and passed, and the tool was at its required place.
+//! The manual, followed by a person who has only the package: every command of every page in its order, in one cell.
+//! Its cameras and controller are reached only over their real interfaces. At its end a greasy panel was found,
+//! abraded and passed, and the tool was at its required position.
 
 mod cell;
 mod installed;

@@ -14,9 +14,9 @@ use std::os::unix::net::UnixStream;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, OnceLock};
 
-/// Factor by which pictures have fewer pixels each way than those of the real cameras.
+/// Factor by which pictures have fewer pixels in each direction than those of the real cameras.
 pub const REDUCTION: usize = 2;
-/// Random seed for the simulated panel, its grease and its places.
+/// Random seed for the simulated panel, its grease and its poses.
 pub const SEED: u64 = 3;
 /// Error of the robot if the board or the camera is on it.
 const EXACT: RobotNoise = RobotNoise { shift_mm: 0.0, turn_deg: 0.0 };
@@ -32,12 +32,12 @@ pub enum CellContents {
     BoardLies,
     Target,
     Nominal,
-    /// A panel at its place of the day; the number is its index among the worlds.
+    /// A panel at its pose of the day; the number is its index among the worlds.
     Panel(usize),
 }
 
 impl CellContents {
-    /// The contents by the manual's words.
+    /// Returns the contents of the cell that the manual describes with these words.
     pub fn named(words: &str) -> Option<Self> {
         Some(match words {
             "a person holds a board before the scanner" => CellContents::LensScanner,
@@ -96,7 +96,7 @@ impl Scenery {
         *self.stands.lock().expect("nobody failed")
     }
 
-    /// The flange's place, unless it moves.
+    /// The flange's pose, unless the flange moves.
     fn flange(&self) -> Option<Rigid<Base, Flange>> {
         let (handle, _) = self.arm.get()?;
         handle.with(|arm| (!arm.is_moving()).then(|| arm.flange_pose()))

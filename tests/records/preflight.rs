@@ -1,5 +1,5 @@
-//! Checks the record's PDF with an independent validator, Apache PDFBox Preflight, as Debian provides it. It knows
-//! PDF/A-1b; it may find only what part 3 allows beyond part 1.
+//! Checks the record's PDF with an independent validator, Apache PDFBox Preflight, as Debian provides it. Preflight
+//! knows PDF/A-1b; it may find only what part 3 allows beyond part 1.
 
 use std::fs;
 use std::path::Path;
@@ -44,8 +44,8 @@ fn replaced(bytes: &[u8], from: &[u8], to: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// Checks that Preflight finds only the features that part 3 allows beyond part 1. It must also find a wrong colour
-/// space and a wrong font.
+/// Checks that Preflight finds only the features that part 3 allows beyond part 1. Preflight must also find a wrong
+/// colour space and a wrong font.
 pub fn accepts(pdf: &Path) {
     let Some(codes) = found(pdf) else {
         eprintln!(

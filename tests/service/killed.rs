@@ -22,8 +22,8 @@ fn whole_cycle(folder: &Path) -> Duration {
     took
 }
 
-/// Kills a service after this time of its cycle, and checks that the next one keeps its promise; returns whether a
-/// motion was open.
+/// Kills a service after this time of its cycle, and checks that the next service rests with a complete store; returns
+/// whether a motion was open.
 fn survives(folder: &Path, after: Duration) -> bool {
     let service = Service::start(folder);
     service.reset();
@@ -116,8 +116,8 @@ fn broken_off(folder: &Path) -> PathBuf {
     panic!("no way to the corner in {:?}", journal(folder));
 }
 
-/// The command that runs one cycle refuses a store with an open motion and names the service as the way out.
-/// Clearing through the service works.
+/// The command that runs one cycle refuses a store with an open motion and names the service as the remedy. Clearing
+/// through the service works.
 #[test]
 fn a_motion_that_was_left_open_is_cleared_through_the_service_alone() {
     let folder = taught("clean");

@@ -33,7 +33,8 @@ fn the_manual_lists_every_metric() {
     assert_eq!(listed, known.collect::<Vec<_>>());
 }
 
-/// The table of assertions contains each one once, each named test exists, and its summary counts correctly.
+/// The table of assertions contains each assertion once, each named test exists, and the table's summary counts
+/// correctly.
 #[test]
 fn the_assertions_name_tests_that_are_there() {
     let page = "sparkplug-assertions.md";

@@ -168,7 +168,7 @@ impl Host {
         self.stdin.write_all(format!("{what}\n").as_bytes()).expect("it reads");
     }
 
-    /// Its messages up to now.
+    /// Returns the host's messages up to now.
     pub fn so_far(&mut self) -> &[Value] {
         while let Ok(line) = self.lines.try_recv() {
             self.keep(&line);

@@ -1,7 +1,7 @@
-//! The cameras of a world. Pictures are rendered once for each possible view and kept for all worlds of the
-//! process. A scan is kept by the contents of the cell, a picture of the film by the greasy places and its time in
-//! steps, a corner by the flange's pose. Rendering them is the larger part of a cycle's cost, and two equal views
-//! give equal pictures anyway.
+//! The cameras of a world. Pictures are rendered once for each possible view and stored for all worlds of the process.
+//! A scan is stored under the contents of the cell, a picture of the film under the greasy places and its time in
+//! steps, and a corner under the flange's pose. Rendering them is the larger part of a cycle's cost, and two equal
+//! views give equal pictures anyway.
 
 use super::fixture::{CellContents, Fixture};
 use super::inside::{Inside, Shared};
@@ -16,7 +16,7 @@ use std::collections::BTreeMap;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError};
 
-/// Share of its area that must be covered before a spot of grease is gone.
+/// Share of a greasy spot's area that the disc must cover before the spot is gone.
 const HEALED_FROM: f64 = 0.9;
 /// Interval between rendered pictures of the film, s.
 const STEP_S: f64 = 2.0;
@@ -251,7 +251,7 @@ fn corner_picture(stands: CellContents, base_from_flange: &Rigid<Base, Flange>) 
         return picture.clone();
     }
     let place = Fixture::get().truth().base_from_panel;
-    // Rendered from the key's rounded pose, so that the picture does not depend on the first caller.
+    // The picture is rendered from the key's rounded pose, so that the picture does not depend on the first caller.
     let [x_mm, y_mm, z_mm, a_deg, b_deg, c_deg] = key.1.map(|number| number as f64 / 1e3);
     let from = KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg }.to_rigid();
     let picture = Arc::new(Fixture::get().scene(stands).flange_picture_at(&from, &place));

@@ -34,7 +34,7 @@ const MAX_QUEUED: usize = 32;
 /// Number of rounds of the loop until an accepted request is answered.
 const ANSWERED_IN: u32 = 2;
 
-/// The contents of a screen: the table's step, and its place.
+/// The contents of a screen: the number of the state machine's step, and its state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shown {
     step: u64,
@@ -71,7 +71,7 @@ pub struct Desk {
     sender: RequestSender,
     waiting: Vec<Waiting>,
     rounds: u64,
-    /// A person wants the process to end: other waiting requests may be dropped.
+    /// Whether a person wants the process to end: other waiting requests may be dropped.
     leaves: bool,
     /// What was wrong.
     pub wrong: Option<String>,
@@ -95,7 +95,7 @@ impl Desk {
         Desk { handler, sender, waiting: Vec::new(), rounds: 0, leaves: false, wrong: None, decided: 0 }
     }
 
-    /// Returns whether no request except the page's question waits.
+    /// Returns whether no request waits except the page's request for the state.
     pub fn is_free(&self) -> bool {
         !self.waiting.iter().any(|waiting| waiting.queued && waiting.uid != PAGE)
     }
@@ -107,7 +107,7 @@ impl Desk {
         self.asks(SECOND, what, Some(shown));
     }
 
-    /// This user sends the request.
+    /// Sends a request as this user.
     pub fn ask(&mut self, uid: u32, what: RequestKind) {
         self.asks(uid, what, None);
     }
@@ -150,7 +150,7 @@ impl Desk {
         }
     }
 
-    /// A request that the socket accepts is the same after it.
+    /// Sends a request through the socket: a request that the socket accepts must be unchanged afterwards.
     fn through_the_socket(&mut self, what: RequestKind) -> RequestKind {
         let Ok(line) = request_line(&what) else { return what };
         match read_request(line.as_bytes()) {
@@ -162,7 +162,7 @@ impl Desk {
         }
     }
 
-    /// The request that the loop takes now.
+    /// Returns the request that the loop receives now.
     pub fn next(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
         self.rounds += 1;
         let is_due = state.at.rests() || self.rounds.is_multiple_of(PAGE_ROUNDS);
@@ -250,7 +250,7 @@ impl Desk {
         }
     }
 
-    /// The loop reports something.
+    /// Handles a report of the loop.
     pub fn on_news(&mut self, news: LoopEvent) {
         self.handler.on_news(news);
         self.answers();
@@ -261,7 +261,7 @@ impl Desk {
     }
 }
 
-/// Returns what is wrong with a decision that was processed: the table must still be in the state on which the
+/// Returns what is wrong with a decision that was processed: the state machine must still be in the state on which the
 /// decision was based.
 fn taken(first: &mut Waiting, what: &RequestKind, state: &State) -> Option<String> {
     let shown = first.shown?;

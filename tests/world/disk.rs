@@ -1,15 +1,15 @@
-//! The disk of a world: every write to its folder is observed, may fail, and may be the last one; and the result of
-//! a power cut.
+//! The disk of a world: every write to its folder is observed, may fail, and may be the last one; and the result of a
+//! power cut.
 //!
-//! Here the system's own functions take the place of the C library's (`open`, `write`, `pwrite`, `fsync`,
-//! `fdatasync`, `ftruncate`, `rename`, `unlink`). SQLite is linked into this program and calls them by name, as the
-//! standard library does. So the product needs no layer of its own between store and disk, and the tested code is
-//! the shipped code. A SQLite VFS would see only the database, and neither head nor blobs. `mmap` of the database's
-//! `-shm` does not matter for durability: it is made again from the log.
+//! Functions of this test, which make the system calls, take the place of the C library's (`open`, `write`, `pwrite`,
+//! `fsync`, `fdatasync`, `ftruncate`, `rename`, `unlink`). SQLite is linked into this program and calls them by name,
+//! as the standard library does. Therefore the product needs no layer of its own between store and disk, and the
+//! tested code is the shipped code. A SQLite VFS would see only the database, and neither head nor blobs. `mmap` of
+//! the database's `-shm` does not matter for durability: it is made again from the log.
 //!
-//! A power cut keeps everything that was flushed (`fsync` of the file; of its folder for names). Of the rest, any
-//! part may be kept: each write whole, in some of its sectors, or not at all, in any order; names in their order,
-//! up to some point.
+//! A power cut keeps everything that was flushed (`fsync` of the file; of its folder for names). Of the rest, any part
+//! may be kept: each write whole, in some of its sectors, or not at all, in any order; names in their order, up to
+//! some point.
 
 use super::libc_calls::{self, Call};
 use super::sabotage::Sabotage;
@@ -30,7 +30,7 @@ const RESERVE: &str = "panelprep.reserve";
 pub enum Event {
     /// From this write on, nothing is written.
     End,
-    /// This number of writes find no room, until the reserve is given up.
+    /// This number of writes find no room, until the reserve is released.
     Full(u32),
     /// This number of writes fail.
     Io(u32),
@@ -71,8 +71,8 @@ struct Watched {
     had_io_error: bool,
     was_full: bool,
     sabotage: Option<Sabotage>,
-    /// One in this number of writes is imagined to be the last one before a power cut. What that would leave is put
-    /// beside the folder.
+    /// One in this number of writes is imagined to be the last one before a power cut. The contents that the power cut
+    /// would leave are stored beside the folder.
     imagined: Option<(u32, Pcg64)>,
     imagines: bool,
     left: Vec<PathBuf>,
@@ -180,7 +180,7 @@ pub fn is_armed() -> bool {
     with(|watched| !watched.events.is_empty()).unwrap_or(false)
 }
 
-/// Returns whether the end of all writes has come.
+/// Returns whether the planned end of all writes has been reached.
 pub fn is_over() -> bool {
     with(|watched| watched.is_over).unwrap_or(false)
 }
@@ -210,7 +210,8 @@ fn with<T>(act: impl FnOnce(&mut Watched) -> T) -> Option<T> {
     done
 }
 
-/// A call of this thread; returns an error number if it must fail without being done.
+/// Handles a call of this thread before it is performed; returns an error number if the call must fail without being
+/// performed.
 pub fn before(call: &Call<'_>) -> Option<i32> {
     WATCHED.with_borrow_mut(|slot| slot.as_mut().and_then(|watched| watched.before(call)))
 }

@@ -7,17 +7,17 @@ use rand::seq::IndexedRandom;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-/// The share of worlds with one of these, and the share with a restore among those with a disk: packing and
+/// The share of worlds with one of these faults, and the share with a restore among those with a disk: packing and
 /// verifying a store takes as long as a few cycles.
 const SHARE: f64 = 0.5;
 const RESTORES: f64 = 0.08;
 
-/// Places of the table in which the arm is at rest, or soon will be.
+/// States of the state machine in which the arm is at rest, or soon will be.
 const AT_REST: [&str; 12] = [
     "held", "held", "stopped", "aborted", "aborted", "holding", "stopping", "aborting", "wet", "inspect", "idle",
     "complete",
 ];
-/// Places of the table in which a person decides.
+/// States of the state machine in which a person decides.
 const DECIDED: [&str; 6] = ["held", "held", "aborted", "unholding", "clearing", "stopped"];
 
 /// Draws the entries of a seed.
@@ -51,7 +51,7 @@ fn lasts_ms(draw: &mut Pcg64) -> u64 {
 }
 
 /// Draws an entry that most often strikes while the tip is on the panel, some seconds after the phase begins;
-/// otherwise in one of these places.
+/// otherwise in one of these states.
 fn in_contact_or(draw: &mut Pcg64, places: &[&str], fault: Fault) -> Entry {
     if draw.random_bool(0.3) {
         return entry(draw, (places, 3_000), fault);
@@ -66,15 +66,15 @@ fn overridden(draw: &mut Pcg64) -> Entry {
     in_contact_or(draw, &["plan", "verify", "retract", "wet", "refine", "held"], fault)
 }
 
-/// The measured pose is off from the arm's place: by less than the limit at which the path is left at once, or by
-/// more.
+/// Draws a deviation of the measured pose from the arm's true pose: by less than the limit at which the path is left
+/// at once, or by more.
 fn measured(draw: &mut Pcg64) -> Entry {
     let off_mm = [3, 20, 60, 120][draw.random_range(0..4)];
     let fault = Fault::Controller(format!("measured={off_mm}/{}ms", lasts_ms(draw)));
     in_contact_or(draw, &["refine", "plan", "verify", "retract", "held"], fault)
 }
 
-/// Draws a jog to a position from near the panel to the park pose.
+/// Draws a jog to a position between the panel's vicinity and the park pose.
 fn jog(draw: &mut Pcg64, places: &[&str]) -> Entry {
     let percent = match draw.random_range(0..4) {
         0 | 1 => 0,

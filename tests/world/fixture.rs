@@ -42,7 +42,7 @@ pub struct Fixture {
     pub setup: Arc<CellSetup>,
     /// A cycle's share.
     pub cycle: CycleSetup,
-    /// The truth of the cell, by the scene in it.
+    /// The simulated cells with their truth, one for each scene.
     scenes: [sim::Cell; 3],
     truth: Truth,
     /// The files of a new store, with paths relative to its folder.
@@ -63,7 +63,7 @@ pub enum CellContents {
 }
 
 impl CellContents {
-    /// Returns the contents with the same look before any work.
+    /// Returns the contents that have the same appearance before any work.
     pub fn looks(self) -> Self {
         if self == CellContents::Stubborn { CellContents::Greasy } else { self }
     }

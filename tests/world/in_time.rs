@@ -1,6 +1,6 @@
-//! The actions that the table must do in time, judged by the true state of robot, controller and disk. There is no
-//! work with a robot that is not ready and no endless wait for an answer. No cycle outlives a controller's start or
-//! continues with a full disk.
+//! The actions that the state machine must do in time, judged by the true state of robot, controller and disk. There
+//! is no work with a robot that is not ready and no endless wait for an answer. No cycle outlives a controller's start
+//! or continues with a full disk.
 
 use super::disk;
 use super::inside::Inside;
@@ -10,7 +10,7 @@ use panelprep::cycle::{Action, At, Id, Robot, State};
 /// a computed answer.
 const ANSWER_MS: u64 = 5_000 + 500;
 const COMPUTED_MS: u64 = 60_000 + 500;
-/// Time after which a robot that cannot move is known, ms, and number of looks of the loop by then.
+/// Time after which the loop must know that the robot cannot move, ms, and number of the loop's checks by then.
 const UNABLE_MS: u64 = 1_000;
 const UNABLE_LOOKS: u32 = 20;
 /// Longest time until the cell is held because the disk is full, ms.
@@ -19,10 +19,9 @@ const HELD_MS: u64 = 1_500;
 /// Observations of one process.
 #[derive(Debug, Default)]
 pub struct InTime {
-    /// The answer that is expected, the time since when, and the total time of writes by then.
+    /// The expected answer, the time since which it is expected, and the total time of writes by then.
     due: Option<(Id, u64, u64)>,
-    /// Time since which the controller cannot move the arm while the cell works, and the number of looks since
-    /// then.
+    /// Time since which the controller cannot move the arm while the cell works, and the number of checks since then.
     unable: Option<(u64, u32)>,
     /// The controller's number of starts when the cell was held, and whether the robot was disconnected since.
     held: Option<(u32, bool)>,
@@ -76,7 +75,7 @@ impl InTime {
             world.wrong("a robot that is not ready", format!("{:?} with the robot {robot:?}", state.at));
         }
         let now_ms = world.now_ms();
-        // A stalled link does not receive this.
+        // A stalled link does not receive this condition.
         let hears = now_ms > world.cell.client_stalls_until_ms;
         if world.cell.controller.can_move() || !works(state.at) || world.is_strange() || !hears {
             self.unable = None;
@@ -90,7 +89,8 @@ impl InTime {
         }
     }
 
-    /// A controller that was started again knows nothing about the held cell.
+    /// Checks that a held cycle does not continue after a start of the controller, because the controller then knows
+    /// nothing about the held cell.
     fn starts(&mut self, world: &mut Inside, state: &State) {
         if !matches!(state.at, At::Held(_)) {
             self.held = None;

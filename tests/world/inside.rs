@@ -1,8 +1,8 @@
 //! The inside of a world: link, controller, arm and terminals in one virtual time, and the faults that strike them.
 //!
-//! The loop's ports share it. Time passes while the loop waits for the robot, and at no other moment. `counts`: the
-//! findings · `striking`: the faults · `places`: where the arm may be, and at which override · `truth`: what the
-//! controller does, independent of what it and the client report.
+//! The loop's ports share this state. Time passes while the loop waits for the robot, and at no other moment.
+//! `counts`: the findings · `striking`: the faults · `places`: where the arm may be, and at which override · `truth`:
+//! what the controller does, independent of what it and the client report.
 
 mod counts;
 mod places;
@@ -43,9 +43,9 @@ const WATCHDOG_DELAY_MS: u64 = 400 + 300;
 /// The waypoints that the record permits for a contact path.
 #[derive(Debug, Clone, Copy)]
 pub enum Permit {
-    /// It begins, with this number of waypoints.
+    /// The path begins, with this number of waypoints.
     Begins(u32),
-    /// It continues to this number of waypoints.
+    /// The path continues to this number of waypoints.
     GoesOn(u32),
     /// It is over.
     Ends,
@@ -71,16 +71,16 @@ pub struct Inside {
     pub dead_since_ms: Option<u64>,
     /// Time until which the effects of all faults last, ms.
     pub lasts_until_ms: u64,
-    /// Time until which the effects last, without feedbacks that do not follow, ms.
+    /// Time until which the effects of all faults last, except feedbacks that do not follow their outputs, ms.
     pub others_last_until_ms: u64,
-    /// A fault whose effect may come later has struck: half a message in a buffer, a base that will be wrong at its
-    /// next setting.
+    /// Whether a fault has struck whose effect may come later: half a message in a buffer, a base that will be wrong
+    /// at its next setting.
     pub lingers: bool,
-    /// The reported place of the arm may be false.
+    /// Whether the reported pose of the arm may be false.
     pub places_lie: bool,
     place: &'static str,
     visits: BTreeMap<&'static str, u32>,
-    /// Requests of people that are not yet taken up.
+    /// Requests of people that are not processed yet.
     pub pressed: VecDeque<Press>,
     /// The fault of the scanner and of the flange camera, and the time until which it lasts.
     pub cameras: [Option<(CameraHarm, u64)>; 2],
@@ -98,11 +98,11 @@ pub struct Inside {
     pub places: Places,
     /// Decisions of a second screen: the request, and the number of steps by which the screen is outdated.
     pub screens: VecDeque<(Press, u32)>,
-    /// The store must be backed up; `restores`: the store must be replaced by the last backup.
+    /// Whether the store must be backed up; `restores` states whether the last backup must replace the store.
     pub backs_up: bool,
     pub restores: bool,
     pub backup: Option<Backup>,
-    /// The next cycle is for another part.
+    /// Whether the next cycle is for another part.
     pub is_another_part: bool,
     /// The planned end of the process at one of its writes.
     pub power: Option<Power>,
@@ -241,13 +241,13 @@ impl Inside {
         self.cell.now_ms
     }
 
-    /// Keeps the first violation.
+    /// Stores a violation, if it is the first one.
     pub fn wrong(&mut self, judge: &'static str, what: String) {
         let now_ms = self.now_ms();
         self.violation.get_or_insert_with(|| Violation { judge, what: format!("{now_ms} ms: {what}") });
     }
 
-    /// Notes that the cycle's table has reached this state.
+    /// Notes that the cycle's state machine has reached this state.
     pub fn comes_to(&mut self, at: At) {
         let place = script::place(at);
         if place == self.place {
@@ -274,8 +274,8 @@ impl Inside {
             || disk::is_armed()
     }
 
-    /// Returns whether no fault strikes or lasts except a feedback that does not follow, and messages arrive as
-    /// they were sent.
+    /// Returns whether no fault strikes or lasts except a feedback that does not follow its output, and messages
+    /// arrive as they were sent.
     pub fn is_calm_but_for_feedback(&self) -> bool {
         let tampering = self.tampering.lock().unwrap_or_else(PoisonError::into_inner);
         self.cell.all_heard()
@@ -336,7 +336,7 @@ impl Inside {
         }
     }
 
-    /// The client accepts a path to send: these points, the last with this id.
+    /// Notes that the client accepts a path to send: these points, the last of which has this id.
     pub fn queued(&mut self, points: &[MoveLin], last: CommandId, speed_m_s: f64) {
         let Some(epoch) = self.open_epoch() else { return };
         self.oracles.lasts(epoch, last, points, speed_m_s);
@@ -347,7 +347,7 @@ impl Inside {
         }
     }
 
-    /// The disk needs its time; link and controller continue.
+    /// Lets the time of a write to the disk pass, while link and controller continue.
     pub fn writes(&mut self) {
         let Some((late_ms, until_ms)) = self.slow_disk else { return };
         if self.now_ms() >= until_ms {
@@ -363,7 +363,7 @@ impl Inside {
         self.others_last_until_ms = self.others_last_until_ms.max(end_ms);
     }
 
-    /// The arm is never farther along a contact path than the record permits.
+    /// Checks that the arm is never farther along a contact path than the record permits.
     fn judge_permits(&mut self) {
         let Some((before, permitted)) = self.permitted.filter(|_| !self.is_strange()) else { return };
         self.counts.judged("permits");
@@ -460,7 +460,7 @@ impl Inside {
         !around.is_lit(self.now_ms()) || around.is_lens_shut(self.now_ms())
     }
 
-    /// The places of the tool, up to that moment.
+    /// The positions of the tool, up to that moment.
     pub fn trace(&self, until_ms: u64) -> Vec<Sample> {
         self.cell.controller.trace().iter().filter(|sample| sample.time_ms <= until_ms).copied().collect()
     }

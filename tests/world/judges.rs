@@ -35,7 +35,7 @@ fn stops(world: &mut Inside, state: &State, stopping: &mut Option<(cycle::Reques
     let Some((request, since_ms)) = *stopping else { return };
     let is_over = state.at.rests();
     let bound_ms = if request == cycle::Request::Stop { STOP_MS } else { ABORT_MS };
-    // A block of link and controller is added to the allowed time of a stop.
+    // The time for which faults block link and controller is added to the allowed time of a stop.
     let bound_ms = bound_ms + world.lasts_until_ms.saturating_sub(since_ms).min(20_000);
     world.counts.judged("stop");
     if is_over {
@@ -46,7 +46,7 @@ fn stops(world: &mut Inside, state: &State, stopping: &mut Option<(cycle::Reques
     }
 }
 
-/// Actions that the table never does, whatever the cell reports.
+/// Checks that the state machine never does certain actions, whatever the cell reports.
 fn keeps_rules(world: &mut Inside, state: &State) {
     let (pass, most) = (state.job.pass, state.job.max_passes);
     if pass > most && state.job.running {
@@ -57,7 +57,7 @@ fn keeps_rules(world: &mut Inside, state: &State) {
     }
 }
 
-/// R21: contact ends if the tool or the extraction does not run.
+/// Checks R21: contact ends if the tool or the extraction does not run.
 fn leaves_the_panel(world: &mut Inside, state: &State) {
     let in_contact = matches!(state.at, At::Execute(_))
         && state.intent.is_some_and(|intent| intent.motion.path == Path::Contact)
@@ -74,7 +74,7 @@ fn leaves_the_panel(world: &mut Inside, state: &State) {
     }
 }
 
-/// The loop's facts agree with the controller.
+/// Checks that the loop's facts agree with the controller.
 fn agrees(world: &mut Inside, state: &State) {
     let facts = &state.facts;
     let is_calm = world.cell.all_heard()

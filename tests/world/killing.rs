@@ -1,11 +1,11 @@
 //! Processes of the system that are killed at any moment. The loop of a world runs in a separate process, which is
-//! killed (SIGKILL) somewhere in its work, also within a system call. The acknowledgements that it received from
-//! the store come through a pipe. Then the store is started on, and must hold them; the next process continues with
-//! the same store, until one of them reaches its end.
+//! killed (SIGKILL) somewhere in its work, also within a system call. The acknowledgements that it received from the
+//! store come through a pipe. Then a process starts on the store, which must contain everything acknowledged; the next
+//! process continues with the same store, until one of them reaches its end.
 //!
 //! The disk is the system's own and not `disk`'s, so no power is lost here, and a world's own kills and disk faults
-//! are left out. A process is a copy of this one (`fork`), so that pictures and results that are kept for all
-//! worlds need not be made again. This process must have one thread.
+//! are left out. A process is a copy of this one (`fork`), so that pictures and results that are stored for all worlds
+//! need not be made again. This process must have one thread.
 #![allow(unsafe_code, reason = "a copy of the process is made by the system's own call")]
 
 use super::fixture::{self, Fixture};

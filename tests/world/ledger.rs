@@ -59,7 +59,8 @@ pub enum CommandSummary {
     Nothing,
 }
 
-/// No record has a verdict that is better than its worst finding: the conditions of a pass, checked once more.
+/// Checks that no record has a verdict that is better than its worst finding, and checks the conditions of a pass once
+/// more.
 fn earned(record: &CycleRecord) -> Result<(), String> {
     if let Some(words) = record.unearned().first() {
         return Err(words.clone());
@@ -130,10 +131,10 @@ impl Ledger {
         self.apply(told, begun);
     }
 
-    /// The same as a line of `told_to`.
+    /// Notes an acknowledgement that was read as a line of `told_to`.
     ///
     /// # Errors
-    /// If it is not such a line.
+    /// If the text is not such a line.
     pub fn take_line(&mut self, line: &str) -> Result<(), String> {
         let (told, begun) = serde_json::from_str(line).map_err(|error| format!("{line}: {error}"))?;
         self.apply(told, begun);
@@ -190,7 +191,8 @@ impl Ledger {
         self.last.replace(cycle).is_none_or(|last| last < cycle)
     }
 
-    /// After this the store is an earlier one; numbers continue above those of the store that it replaces.
+    /// Returns this ledger of an earlier store, which replaces the store of the later ledger; numbers continue above
+    /// those of the replaced store.
     pub fn replaces(self, later: &mut Ledger) -> Self {
         Ledger { told_to: later.told_to.take(), last: later.last, ..self }
     }
@@ -202,10 +204,11 @@ impl Ledger {
         hasher.finish()
     }
 
-    /// After a start: checks whether the store holds everything, and how it rests.
+    /// Checks, after a start, whether the store contains everything that was acknowledged, and in which state it
+    /// rests.
     ///
     /// # Errors
-    /// In words, what it does not hold.
+    /// A message that states what the store does not contain.
     pub fn check(&mut self, store: &Store, rested: &State) -> Result<(), String> {
         let words = |error: &dyn std::error::Error| error.to_string();
         if let Some(changed) = store.changed().first() {
@@ -295,11 +298,11 @@ impl Ledger {
         }
     }
 
-    /// At the end of a world: every verdict has its record and its page with the same content, the store is as it
-    /// was written, and every cycle has an end.
+    /// Checks, at the end of a world, that every verdict has its record and its page with the same content, that the
+    /// store is as it was written, and that every cycle has an end.
     ///
     /// # Errors
-    /// In words.
+    /// A message that states what is wrong.
     pub fn close(&self, folder: &Path) -> Result<(), String> {
         let words = |error: &dyn std::error::Error| error.to_string();
         let verified = Store::verify(folder, true).map_err(|error| words(&error))?;

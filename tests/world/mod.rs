@@ -100,13 +100,13 @@ static MEMORY: LazyLock<Memory> = LazyLock::new(|| Memory::new(record::shrunk));
 /// A world before its run.
 #[derive(Debug, Clone)]
 pub struct World {
-    /// Its seed, which determines the contents of the cell and the delay of bytes.
+    /// The world's seed, which determines the contents of the cell and the delay of bytes.
     pub seed: u64,
     /// What goes wrong.
     pub script: Vec<Entry>,
     /// The mistake that is planted, to see that it is found.
     pub sabotage: Option<Sabotage>,
-    /// Power cuts are imagined, which changes nothing in the world and uses a third of its time.
+    /// Whether power cuts are imagined; this changes nothing in the world and uses a third of its time.
     pub imagines: bool,
 }
 
@@ -164,7 +164,7 @@ impl World {
         Some(programs)
     }
 
-    /// The world before its first process. Its store is or will be in this folder.
+    /// Creates the world as it is before its first process. Its store is or will be in this folder.
     fn begin(&self, folder: PathBuf, ledger: Ledger) -> Running {
         let mut draw = Pcg64::seed_from_u64(self.seed ^ 0x5eed);
         let stands = [
@@ -204,8 +204,8 @@ impl World {
 }
 
 impl World {
-    /// Returns the world with the shortest script with which the same judge finds something. Entries are removed
-    /// one at a time, as long as the judge still finds it.
+    /// Returns the world with the shortest script with which the same judge finds something. Entries are removed one
+    /// at a time, as long as the judge still finds something.
     pub fn shortest(&self, judge: &str) -> World {
         let mut shortest = self.clone();
         let mut index = 0;
@@ -324,7 +324,7 @@ impl Running {
         }
     }
 
-    /// Handles the end of a process: by itself, killed, or with the computer's power. Some time later another
+    /// Handles the end of a process: by itself, by a kill, or by a power cut of the computer. Some time later another
     /// process begins.
     fn ends(&mut self) {
         let mut world = self.world.lock();

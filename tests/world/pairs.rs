@@ -1,5 +1,5 @@
-//! Faults that no single fault shows: two that meet, or one that must strike in a certain place. They are drawn
-//! separately, so that the other entries of a seed do not change.
+//! Faults with effects that no single random fault has: two faults that coincide, or one that must strike in a certain
+//! state. They are drawn separately, so that the other entries of a seed do not change.
 
 use super::script::{Entry, Fault, Harm, Odds, Power, Press};
 use rand::seq::IndexedRandom;
@@ -9,11 +9,11 @@ use rand_pcg::Pcg64;
 /// The share of worlds that have such faults.
 const SHARE: f64 = 0.65;
 
-/// Places of the table in which an epoch is open and a motion or another command is in progress.
+/// States of the state machine in which an epoch is open and a motion or another command is in progress.
 const MOVES: [&str; 6] = ["refine", "wet", "verify", "abrade", "retract", "rinse"];
-/// Places of the table in which nothing moves, and something is computed or time passes.
+/// States of the state machine in which nothing moves, and something is computed or time passes.
 const COMPUTES: [&str; 6] = ["locate", "dry", "wet", "inspect", "plan", "rinse"];
-/// Places of the table in which nothing is queued at the controller.
+/// States of the state machine in which nothing is queued at the controller.
 const RESTS: [&str; 7] = ["stopped", "idle", "locate", "dry", "inspect", "held", "aborted"];
 
 /// Draws the entries of a seed.
@@ -54,7 +54,7 @@ fn entry(place: &str, after_ms: u64, fault: Fault) -> Entry {
     Entry { place: place.to_owned(), visit: 1, after_ms, fault }
 }
 
-/// In one of these places, after this number of ms at most.
+/// Draws an entry in one of these states, after this number of ms at most.
 fn within(draw: &mut Pcg64, places: &[&str], most_ms: u64, fault: Fault) -> Entry {
     entry(places.choose(draw).copied().unwrap_or("wet"), draw.random_range(0..most_ms), fault)
 }
@@ -67,7 +67,7 @@ fn lost() -> Fault {
     Fault::Bytes { to_robot: true, channel: 0, harm: Harm::Lose }
 }
 
-/// The link ends the epoch by itself while the cell is reset or cleared.
+/// Draws an end of the epoch by the link itself, while the cell is reset or cleared.
 fn ends_early(draw: &mut Pcg64) -> Vec<Entry> {
     let fault = [Fault::Controller("refuse=8".to_owned()), lost(), Fault::Foreign { operation: 11, number: 0 }];
     let fault = fault[draw.random_range(0..3)].clone();
@@ -80,21 +80,21 @@ fn held_in_light(draw: &mut Pcg64) -> Vec<Entry> {
     vec![hold, entry("held", draw.random_range(0..200), Fault::Press(Press::UnholdDried))]
 }
 
-/// The robot is not ready for longer than the program needs to notice it.
+/// Draws a robot that is not ready for longer than the program needs to notice this.
 fn not_ready(draw: &mut Pcg64) -> Vec<Entry> {
     let text = ["mode=T1", "mode=T2", "guard", "drives", "e-stop"][draw.random_range(0..5)];
     let fault = controller(text, draw.random_range(1_500..4_000));
     vec![within(draw, &COMPUTES, 800, fault)]
 }
 
-/// A feedback is false for longer than an answer may take.
+/// Draws a feedback that is false for longer than an answer may take.
 fn stuck(draw: &mut Pcg64) -> Vec<Entry> {
     let (input, on) = (draw.random_range(1..6), draw.random_bool(0.5));
     let fault = Fault::Feedback { input, on, for_ms: draw.random_range(7_000..12_000) };
     vec![within(draw, &["starting", "locate", "dry", "wet", "verify", "abrade", "rinse"], 1_500, fault)]
 }
 
-/// The tool or the extraction stops while the pad is on its path, for a moment or permanently.
+/// Draws a stop of the tool or the extraction while the pad is on its path, for a moment or permanently.
 fn dead_in_contact(draw: &mut Pcg64) -> Entry {
     let for_ms = if draw.random_bool(0.2) { draw.random_range(100..400) } else { draw.random_range(2_000..12_000) };
     let fault = Fault::Feedback { input: draw.random_range(3..5), on: false, for_ms };
@@ -108,8 +108,8 @@ fn started_while_held(draw: &mut Pcg64) -> Vec<Entry> {
     vec![hold, entry("held", draw.random_range(0..150), controller("reboot", draw.random_range(300..3_000)))]
 }
 
-/// The safety controller stops the arm for a short time while the client is stalled, so that the client does not
-/// receive it.
+/// Draws a short stop of the arm by the safety controller while the client is stalled, so that the client is not
+/// informed of the stop.
 fn short_stop(draw: &mut Pcg64) -> Vec<Entry> {
     let text = ["e-stop", "guard", "drives"][draw.random_range(0..3)];
     let fault = controller(text, draw.random_range(60..250));
@@ -118,8 +118,8 @@ fn short_stop(draw: &mut Pcg64) -> Vec<Entry> {
     vec![stall, stop]
 }
 
-/// Another client's abort, with numbers that may follow and numbers that may not. A client that receives its answer
-/// aborts too, unless it is stalled.
+/// Draws another client's abort, with numbers that may follow and numbers that may not. A client that receives the
+/// answer to this abort aborts too, unless it is stalled.
 fn foreign_abort(draw: &mut Pcg64) -> Vec<Entry> {
     let number = [i32::MIN, -1, 0, 1, 2_000_000, i32::MAX][draw.random_range(0..6)];
     let abort = within(draw, &MOVES, 2_500, Fault::Foreign { operation: 11, number });
@@ -127,7 +127,8 @@ fn foreign_abort(draw: &mut Pcg64) -> Vec<Entry> {
     vec![stall, abort]
 }
 
-/// The work is left, and no person comes for a while: outputs that may stay on go off by themselves.
+/// Draws an interruption of the work, after which no person comes for a while: outputs that may stay on go off by
+/// themselves.
 fn nobody_there(draw: &mut Pcg64) -> Vec<Entry> {
     let press = [Press::Stop, Press::Abort, Press::Hold][draw.random_range(0..3)];
     let place =
@@ -190,14 +191,14 @@ fn slow_permit(draw: &mut Pcg64) -> Vec<Entry> {
     vec![within(draw, &["abrade"], 4_000, fault)]
 }
 
-/// The disk is full when pictures are written, and when events are.
+/// Draws a disk that is full when pictures are written, and when events are written.
 fn full_disk(draw: &mut Pcg64) -> Vec<Entry> {
     let harm = super::script::DiskHarm::Full;
     let fault = Fault::Disk { writing: draw.random_range(0..40), harm, times: [1, 2, 10][draw.random_range(0..3)] };
     vec![within(draw, &["locate", "dry", "wet", "inspect", "inspect", "inspect", "plan"], 2_000, fault)]
 }
 
-/// Controller and process are started again, one while the other is away. The controller has forgotten all epochs,
+/// Draws new starts of controller and process, one while the other is away. The controller has forgotten all epochs,
 /// and the process knows them only from its store.
 fn new_controller_and_process(draw: &mut Pcg64) -> Vec<Entry> {
     let power =

@@ -1,7 +1,7 @@
 //! The people who send requests: one who runs cycles as the manual describes, and others who press anything in
 //! between.
 //!
-//! A world also checks the table here: it shows its state each time the loop requests the next request.
+//! A world also checks the state machine here, which shows its state each time the loop fetches the next request.
 
 use super::desk::{Desk, OPERATOR, SOMEBODY, Shown};
 use super::disk;
@@ -70,20 +70,20 @@ pub struct People {
     begun_before: u64,
     /// The queue and the handler of the present process.
     desk: Option<Desk>,
-    /// A person has ordered this process to leave.
+    /// Whether a person has ordered this process to end.
     has_left: bool,
     working: Option<(Id, u64)>,
     /// Whether the present cycle began after all faults had ended.
     is_untroubled: bool,
     /// Whether that cycle began with the tool's body so near to the panel that the gate may ask for a jog.
     is_body_near: bool,
-    /// Such a cycle was aborted; the cause is not known yet.
+    /// Whether such a cycle was aborted and the cause is not known yet.
     is_cause_due: bool,
-    /// The actions that the table must perform in time.
+    /// The actions that the state machine must perform in time.
     in_time: InTime,
     /// Whether the people dry a held panel before they try anything else.
     pub dries: bool,
-    /// A person's request for an end: the request, and the time at which the table accepted it.
+    /// A person's request for an end: the request, and the time at which the state machine accepted it.
     pub stopping: Option<(cycle::Request, u64)>,
     /// Number of times the arm was jogged away from the panel since all faults ended.
     taken_away: u32,
@@ -292,7 +292,7 @@ impl People {
                 let mut world = self.world.lock();
                 world.counts.cycles += 1;
                 world.is_another_part = false;
-                // If the arm is near the panel at a place where no path left it, a person must take it away.
+                // If the arm is near the panel at a pose at which no path left it, a person must jog it away.
                 let is_calm = world.now_ms() >= world.lasts_until_ms + CALM_MS
                     && !world.is_troubled()
                     && !world.lingers
@@ -367,7 +367,7 @@ impl Port<RequestCommand> for People {
     }
 }
 
-/// Returns whether the gate has aborted the cycle: the arm is at an unknown place near the panel.
+/// Returns whether the gate has aborted the cycle: the arm is at an unknown pose near the panel.
 fn asks_for_a_jog(state: &State) -> bool {
     state.at == At::Aborted { cause: Cause::Trouble(Trouble::Gate) }
 }

@@ -1,4 +1,4 @@
-//! The record of a world: the product's own, on the real store. Pictures are reduced before they are kept, because
+//! The record of a world: the product's own, on the real store. Pictures are reduced before they are stored, because
 //! packing them would take most of a world's time; each is still a file with its own content that a row names.
 
 use super::disk;
@@ -72,8 +72,8 @@ impl Record<'_> {
 }
 
 impl Record<'_> {
-    /// A motion that is reported as done has ended. After a motion in contact, the arm leaves the panel before it
-    /// goes anywhere else.
+    /// Checks that a motion that is reported as done has ended, and that after a motion in contact the arm leaves the
+    /// panel before it goes anywhere else.
     fn judge_standing(&mut self, command: &RecordCommand) {
         let mut world = self.world.lock();
         match command {
@@ -90,7 +90,7 @@ impl Record<'_> {
             RecordCommand::OpenIntent(motion) => {
                 let height_mm = world.height_mm();
                 let is_near = height_mm < LEFT_MM && motion.path != Path::Retract;
-                // In another epoch, there was something in between.
+                // If the epoch is another one, something else happened in between.
                 if self.contact_epoch.take() == Some(motion.epoch) && is_near {
                     let what =
                         format!("{motion:?} begins {height_mm:.1} mm off the panel, behind a path in contact");

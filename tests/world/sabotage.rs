@@ -1,5 +1,5 @@
 //! Mistakes that are planted while a world runs, to check that the world finds them. They are rules that the
-//! controller does not keep, limits of the link, writes that are not flushed or not made, and commands that do not
+//! controller does not follow, limits of the link, writes that are not flushed or not made, and commands that do not
 //! reach the robot. Each represents a change of the product's source that would do the same.
 
 use panelprep::cycle::Report;

@@ -1,8 +1,8 @@
-//! The faults of a world and their times: an explicit list, drawn from a seed, that can be printed, shortened and
-//! run again.
+//! The faults of a world and their times: an explicit list, drawn from a seed, that can be printed, shortened and run
+//! again.
 //!
-//! A moment is counted from the first time that the table comes to a place, so that every fault strikes in every
-//! place, however long the earlier places took. An entry that is removed leaves the others unchanged.
+//! A moment is counted from the first time that the state machine reaches a state, so that every fault strikes in
+//! every state, however long the earlier states took. An entry that is removed leaves the others unchanged.
 
 use super::{elsewhere, pairs};
 use panelprep::cycle::{self, At};
@@ -15,11 +15,11 @@ use serde::{Deserialize, Serialize};
 /// A fault of the script, and when it strikes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Entry {
-    /// The place of the cycle's table, see [`PLACES`].
+    /// The state of the cycle's state machine, see [`PLACES`].
     pub place: String,
-    /// The visit of this place, from 1.
+    /// The visit of this state, from 1.
     pub visit: u32,
-    /// Time after its beginning, ms.
+    /// Time after the beginning of this visit, ms.
     pub after_ms: u64,
     /// What.
     pub fault: Fault,
@@ -34,7 +34,7 @@ pub enum Harm {
     Twice,
     /// The message arrives after the one behind it.
     Swap,
-    /// One of its bits is inverted.
+    /// One bit of the message is inverted.
     Damage { byte: u32, bit: u8 },
     /// The end of the message is missing.
     Half,
@@ -53,9 +53,9 @@ pub enum CameraHarm {
     WrongSize,
     /// The camera's pictures are black.
     Dark,
-    /// It reports that it is too hot.
+    /// The camera reports that it is too hot.
     Hot,
-    /// It takes this much longer, ms.
+    /// The camera takes this much longer, ms.
     Late(u64),
 }
 
@@ -90,7 +90,7 @@ pub enum Power {
 /// A fault of the disk.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DiskHarm {
-    /// It accepts no more data for a while.
+    /// The disk accepts no more data for a while.
     Full,
     /// It fails.
     Io,
@@ -125,7 +125,7 @@ pub enum Fault {
     Clock(i64),
     /// An end of the process at the nth write to the disk from now on.
     Power { writing: u32, power: Power },
-    /// From the nth write to the disk from now on, this number of writes.
+    /// A fault of this number of writes to the disk, which begins at the nth write from now on.
     Disk { writing: u32, harm: DiskHarm, times: u32 },
     /// Each write takes this much longer, for this time; the link continues meanwhile.
     SlowDisk { late_ms: u64, for_ms: u64 },
@@ -138,7 +138,7 @@ pub enum Fault {
     /// A person jogs the arm once it is at rest, in T1 for this time. The target is this share of the way from this
     /// height above the panel to the park pose.
     Jog { percent: u8, height_mm: u8, for_ms: u64 },
-    /// A second screen sends a decision, although it shows the table as it was some steps ago.
+    /// A second screen sends a decision, although it shows the state machine as it was some steps ago.
     Stale { press: Press, back: u32 },
     /// The store is backed up.
     Backup,
@@ -201,7 +201,7 @@ impl Fault {
     }
 }
 
-/// The places of the cycle's table.
+/// The states of the cycle's state machine; in place of the state Execute, the names of its phases.
 pub const PLACES: [&str; 23] = [
     "stopped",
     "resetting",
@@ -228,10 +228,10 @@ pub const PLACES: [&str; 23] = [
     "clearing",
 ];
 
-/// The places in which water runs, the arm moves or the tool touches: most faults can have effects there.
+/// The states in which water runs, the arm moves or the tool touches: most faults can have effects there.
 const OFTEN: [&str; 5] = ["wet", "verify", "abrade", "retract", "rinse"];
 
-/// Returns the place of a state.
+/// Returns the name of a state; for the state Execute, the name of its phase.
 pub fn place(at: At) -> &'static str {
     match at {
         At::Execute(phase) => phase.word(),
@@ -244,7 +244,7 @@ pub fn place(at: At) -> &'static str {
 pub struct Odds {
     /// Entries at most.
     pub most: usize,
-    /// Some entries concern the disk.
+    /// Whether some entries concern the disk.
     pub disk: bool,
 }
 
@@ -457,16 +457,16 @@ fn camera(draw: &mut Pcg64) -> CameraHarm {
         [draw.random_range(0..6)]
 }
 
-/// The controller's fault of this text.
+/// Returns the controller's fault that this text describes.
 ///
 /// # Errors
-/// If it is not a fault.
+/// If the text does not describe a fault.
 pub fn controller_fault(text: &str) -> Result<mock::Fault, String> {
     let spec: mock::FaultSpec = format!("{text}@0ms").parse().map_err(|error| format!("{error}"))?;
     spec.planned.first().map(|planned| planned.fault).ok_or_else(|| format!("{text} is no fault"))
 }
 
-/// Returns the requests of a press on which the table decides, in order.
+/// Returns the requests of a press on which the state machine decides, in order.
 pub fn requests(press: Press) -> Vec<cycle::Request> {
     use cycle::Request as Q;
     match press {

@@ -1,4 +1,4 @@
-//! Bytes on their way: lost, doubled, late, out of order, damaged; and messages with a content that no good
+//! Changes of bytes in transit: lost, doubled, late, out of order, damaged; and messages with a content that no good
 //! controller sends.
 
 use super::link_cell::Tamper;
@@ -17,7 +17,8 @@ const HEARTBEAT: &str = " Op=\"10\"";
 pub struct Tampering {
     /// Harms: whether the message goes to the controller, the channel, and the harm of the next message there.
     pub harms: Vec<(bool, usize, Harm)>,
-    /// From the controller: the channel, an attribute, its false value, and the number of times.
+    /// False values in messages of the controller: the channel, an attribute, its false value, and the number of
+    /// times.
     pub lies: Vec<(usize, String, String, u32)>,
     /// Number of messages that were changed.
     pub applied: u64,

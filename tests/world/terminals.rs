@@ -18,7 +18,7 @@ const ANSWERS_MS: u64 = 150;
 pub struct Around {
     /// The value of each output, and the time since which it has this value, ms.
     outputs: BTreeMap<u16, (bool, u64)>,
-    /// An input that does not follow: its number, its value, and the time until which it lasts.
+    /// An input that does not follow its output: its number, its value, and the time until which it lasts.
     pub stuck: Option<(u16, bool, u64)>,
     /// Time at which the water last came on, and time at which it went off.
     pub water: Option<(u64, Option<u64>)>,

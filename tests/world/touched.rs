@@ -10,7 +10,7 @@ type Place = (CycleId, u8, String);
 /// What was touched.
 #[derive(Debug, Clone, Default)]
 pub struct Touched {
-    /// In all cycles of the store.
+    /// The grids that were touched in all cycles of the store.
     all: BTreeSet<Place>,
     /// Grids touched on the present part, in cycles before the present one.
     part: BTreeSet<Place>,

@@ -1,5 +1,6 @@
-//! Compares the record of contact with this process's messages to it and with the arm's motions. This concerns the
-//! disc's wear, counted before a path begins and corrected at its end, and the waypoints that were executed.
+//! Compares the record of contact with the messages that this process sent to the record, and with the arm's motions.
+//! The comparison concerns the disc's wear, counted before a path begins and corrected at its end, and the waypoints
+//! that were executed.
 
 use panelprep::cycle::{Event, Outcome, Path, Report};
 use panelprep::daemon::{RecordAnswer, RecordCommand};
@@ -21,8 +22,8 @@ pub struct Wear {
 }
 
 impl Wear {
-    /// The record has acknowledged the command. Returns the error in the record's answer, given the number of
-    /// motions that the arm has executed since the path was opened. If the positions that the controller reported
+    /// Notes that the record has acknowledged the command. Returns the error in the record's answer, given the number
+    /// of motions that the arm has executed since the path was opened. If the positions that the controller reported
     /// may have been false, the record may count more wear for a path than there was, and never less.
     pub fn acknowledged(
         &mut self,

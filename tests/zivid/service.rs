@@ -77,8 +77,9 @@ fn the_service_outlives_its_camera() {
     assert!(service.ended().success());
 }
 
-/// The reports of doctor about a Zivid, besides whether it delivers: the flicker of the light, that its warmth is
-/// not known yet, and the graphics processor. A film by the projector's light is refused with file, line and key.
+/// The reports of doctor about a Zivid, in addition to whether the camera delivers shots: the flicker of the light,
+/// the fact that it is not known yet whether the camera is warm, and the graphics processor. A film by the projector's
+/// light is refused with file, line and key.
 #[test]
 fn doctor_looks_at_light_warmth_and_settings() {
     let folder = rendered("good");

@@ -30,7 +30,7 @@ impl Reader {
         Ok(rows.first().map(account))
     }
 
-    /// Keeps an account; one of the same name is replaced.
+    /// Stores an account; an account of the same name is replaced.
     ///
     /// # Errors
     /// If the database does not answer.

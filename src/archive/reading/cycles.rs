@@ -11,7 +11,7 @@ pub struct CycleQuery {
     pub cell: String,
     /// The panel's name.
     pub panel: String,
-    /// The part's serial number, in capitals or not.
+    /// The part's serial number, in upper or lower case.
     pub serial: String,
     /// The verdict's word.
     pub verdict: String,
@@ -19,7 +19,7 @@ pub struct CycleQuery {
     pub from_unix_s: Option<i64>,
     /// Before this time.
     pub until_unix_s: Option<i64>,
-    /// Only cycles older than this last cycle of an earlier page: its begin, cell and number.
+    /// Only cycles that are older than this one, the last cycle of an earlier page: its start time, cell and number.
     pub before: Option<(i64, String, i64)>,
     /// The maximum number of cycles.
     pub limit: i64,
@@ -57,7 +57,7 @@ pub struct CycleRow {
 /// A signature of a cycle's record.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SignedBy {
-    /// The statement's number among all of its cell.
+    /// The number of the statement among all statements of its cell.
     pub statement: i64,
     /// Its SHA-256.
     pub record_hash: String,
@@ -126,7 +126,7 @@ impl Reader {
         Ok(self.rows(&sql, &values).await?.iter().map(cycle_row).collect())
     }
 
-    /// Returns a cycle of a cell with its signed statements; if several have one number, the newest.
+    /// Returns a cycle of a cell with its signed statements; if several cycles have the same number, the newest one.
     ///
     /// # Errors
     /// If the database does not answer.
@@ -161,7 +161,7 @@ impl Reader {
         Ok(Some(Record { row, signed, statement }))
     }
 
-    /// Returns the names of panels that cycles were about, and of all cells.
+    /// Returns the names of all panels that have cycles, and the names of all cells.
     ///
     /// # Errors
     /// If the database does not answer.

@@ -1,8 +1,7 @@
-//! The data that pages of the office read: cells, cycles, numbers over many cells, verifications, recipes,
-//! accounts.
+//! The data that pages of the office read: cells, cycles, statistics across cells, verifications, recipes, accounts.
 //!
-//! Every query uses an index and ends after a limited number of rows, so that it is as fast with a million records
-//! as with a thousand.
+//! Every query uses an index and ends after a limited number of rows, so that it is as fast with a million records as
+//! with a thousand.
 
 mod accounts;
 mod cells;

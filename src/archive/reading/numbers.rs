@@ -1,4 +1,5 @@
-//! One quantity of a panel over all cells, and verifications of all cells: which cell differs from the others?
+//! The values of one quantity of a panel in all cells, and the verifications of all cells: they show which cell
+//! differs from the others.
 
 use super::reader::Reader;
 use crate::archive::error::ArchiveError;
@@ -28,7 +29,7 @@ fn point(at_unix_s: i64, value: f64, limit: Limit) -> TrendPoint {
 }
 
 impl Reader {
-    /// Returns the newest values of a quantity of a panel over all cells, with a maximum count; by cell, the oldest
+    /// Returns the newest values of a quantity of a panel in all cells, at most `most`: grouped by cell, the oldest
     /// first.
     ///
     /// # Errors
@@ -44,7 +45,7 @@ impl Reader {
         Ok(by_cell(rows.iter().rev().map(value)))
     }
 
-    /// Returns the newest verifications of a subject over all cells, with a maximum count for each; by cell, the
+    /// Returns the newest verifications of a subject in all cells, at most `most` for each cell: grouped by cell, the
     /// oldest first.
     ///
     /// # Errors

@@ -65,7 +65,8 @@ impl Reader {
         self.in_time(async { client.execute(sql, values).await.map_err(failed) }).await
     }
 
-    /// Drops the connection to a database that does not answer, so that the next page connects anew.
+    /// Waits for an answer within the time limit. The connection to a database that does not answer is dropped, so
+    /// that the next page connects again.
     async fn in_time<T>(&self, asking: impl Future<Output = Result<T, ArchiveError>>) -> Result<T, ArchiveError> {
         let answered = database::within(QUERY_TIMEOUT, asking).await;
         if let Err(ArchiveError::Silent { .. }) = answered {

@@ -91,7 +91,7 @@ fn a_forged_archive_is_refused_and_changes_nothing() {
             fs::read_dir(folder.path()).expect("listed").map(|e| e.expect("one").file_name()).collect();
         assert_eq!(names, ["forged"], "{words}");
     }
-    // More, and less, than the manifest states; a newer format.
+    // Archives with more, and with fewer, entries than the manifest states; an archive of a newer format.
     let entries = named("configuration/recipes/wing.toml");
     let wanted = RestoredParts { store: false, configuration: true };
     for (manifest, words) in [

@@ -1,5 +1,5 @@
-//! Backups of a small cell: whole, in use, outside of its folder. `damage` damages them, `forgery` forges them with
-//! knowledge of the format.
+//! Tests of backups of a small cell: complete, in use, with files outside of its folder. `damage` damages the backups,
+//! `forgery` forges them with knowledge of the format.
 
 mod damage;
 mod forgery;

@@ -1,10 +1,10 @@
 //! The error that is the same in each scan: a smooth field of depth errors, with the board's own bow beside it.
 //!
 //! In mm along the ray, a block of scan i reads −z²·q = −z²(a_i + b_i x + c_i y) + (z/z₀)² B(x, y)·c + z·|m_i|·h(u,
-//! v). Here q = 1/z, each scan has a plane of its own, c are the field's coefficients (`geometry::DepthField`), and
-//! h = k₁u² + k₂uv + k₃v² is the board's height. m_i = (b_i, c_i, a_i) is the plane's normal over its distance.
+//! v). Here q = 1/z, each scan has a plane of its own, c are the field's coefficients (`geometry::DepthField`), and h
+//! = k₁u² + k₂uv + k₃v² is the board's height. m_i = (b_i, c_i, a_i) is the plane's normal divided by its distance.
 //! Planes are projected out scan by scan, so that a scan adds a small symmetric matrix. Second differences of c are
-//! weighted by λ, and the bow by how flat boards are.
+//! weighted by λ, and the bow by the usual flatness of boards.
 
 use super::plane::{self, Projection};
 use super::plane_view::PlaneView;

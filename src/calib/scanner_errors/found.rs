@@ -18,11 +18,12 @@ pub struct ScannerErrors {
     pub board_mm: f64,
     /// The rms deviation from the plane in scans that were left out, without a correction, mm.
     pub left_out_plain_mm: f64,
-    /// The same with the correction by the other scans, if that is better.
+    /// The rms deviation in left-out scans with the correction from the other scans, mm; `None` if the correction is
+    /// not better.
     pub left_out_corrected_mm: Option<f64>,
     /// The correction; `None` if no error is the same in each scan.
     pub field: Option<DepthField>,
-    /// Its largest amount at the reference depth at the places of boards, mm.
+    /// The correction's largest amount at the reference depth, at the positions of boards, mm.
     pub field_most_mm: f64,
     /// Bow of the board over half of its diagonal, mm.
     pub bow_mm: f64,

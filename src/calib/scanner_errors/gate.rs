@@ -5,7 +5,7 @@ use super::plane_view::PlaneView;
 use crate::number_text::apart;
 use crate::verdict::{Check, SetBy};
 
-/// Fewer places give no information on a working volume.
+/// Minimum number of scans, each with the board at another position: fewer give no information on a working volume.
 pub const MIN_PLACES: usize = 8;
 /// Maximum bow of a calibration board, mm.
 const MAX_BOW_MM: f64 = 0.5;
@@ -13,7 +13,8 @@ const MAX_BOW_MM: f64 = 0.5;
 const COVERED: f64 = 0.6;
 /// Minimum ratio of the largest depth to the smallest.
 const DEPTHS: f64 = 1.15;
-/// The board must be rotated in its plane by this much, or its bow is mistaken for the camera's, degrees.
+/// Minimum rotation of the board in its plane, degrees: with less, the board's bow is mistaken for an error of the
+/// camera.
 const TURNED_DEG: f64 = 40.0;
 /// Limits of the smooth error, mm: beyond the first a person must look, beyond the second the camera is not used.
 const SMOOTH_MM: [f64; 2] = [0.3, 1.0];

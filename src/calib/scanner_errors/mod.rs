@@ -1,12 +1,12 @@
-//! The 3D camera's own errors, measured with a flat board in many places of the working volume.
+//! The 3D camera's own errors, measured with a flat board at many positions in the working volume.
 //!
-//! A plane before the camera is linear in the directions (x, y) = (X/Z, Y/Z): 1/z = a + b x + c y. The remainder of
-//! a scan of a flat board is the camera's error, in five parts:
+//! A plane in front of the camera is linear in the directions (x, y) = (X/Z, Y/Z): 1/z = a + b x + c y. The remainder
+//! of a scan of a flat board is the camera's error, in five parts:
 //! - white noise, from pixel to pixel, which grows with z²;
 //! - the error that is the same in each scan (`field`): a correction, kept only if it predicts scans that were left
 //!   out;
-//! - the smooth error that differs from scan to scan (`spread`): its size and the length over which it is alike, by
-//!   means over parts of the board, since a plane through the board absorbs a part;
+//! - the smooth error that differs from scan to scan (`spread`): its size and the length over which it is
+//!   correlated, from means over parts of the board, since a plane through the board absorbs a part;
 //! - the board's own bow, which rotates with the board and can therefore be distinguished;
 //! - scale: distances between corners, as measured and as printed; from scan to scan the part that the smooth error
 //!   does not explain. If distances are longer on one side of the picture, planes are turned into other planes

@@ -191,11 +191,11 @@ impl PlaneView {
         100.0_f64.powi(2) * (by_depth + self.scale_variance_by_corners().unwrap_or(0.0))
     }
 
-    /// Returns the variance of the scale by independent errors of corners. An affine map from the printed corners
-    /// to the measured ones leaves a remainder in their plane. The result is the variance of each of its
-    /// coordinates over Σ |r|². The corners are not corrected, so that a bend counts here, too: the part that a
-    /// correction misses differs from place to place, and would be mistaken for a scale that differs from scan to
-    /// scan.
+    /// Returns the variance of the scale that independent errors of the corners cause. An affine map from the printed
+    /// corners to the measured ones leaves a remainder in their plane. The result is the variance of each coordinate
+    /// of this remainder divided by Σ |r|². The corners are not corrected, so that a bend counts here, too: the part
+    /// that a correction misses differs from position to position, and would be mistaken for a scale that differs from
+    /// scan to scan.
     fn scale_variance_by_corners(&self) -> Option<f64> {
         let (about, _) = self.corners_about_mean(None);
         let printed = DMatrix::from_fn(about.len(), 3, |row, column| match column {

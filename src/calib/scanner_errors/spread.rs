@@ -1,14 +1,14 @@
-//! How large the smooth error of a scan is, and over what length it is alike, by its mean squares in blocks and in
-//! parts of the board.
+//! Estimates the size of a scan's smooth error and the length over which it is correlated, from its mean squares in
+//! blocks and in parts of the board.
 //!
-//! Residuals r = M e are the remainder of the errors e after a plane. For errors with the covariance σ² K, K =
-//! exp(−h² π / L²) over the distances h on the board, the mean squares of blocks and of means over k × k parts (A)
-//! are expected to be
+//! Residuals r = M e are the remainder of the errors e after a plane. For errors with the covariance σ² K, K = exp(−h²
+//! π / L²) over the distances h on the board, the mean squares of blocks and of means over k × k parts (A) are
+//! expected to be
 //!     E |r|² = σ² tr(M K),   E |r̄|² = σ² tr(M' A K Aᵀ),                                                    (1)
 //! each with its own plane removed. The ratio of the two rises with L. The L with the observed ratio is the result,
-//! and then σ follows. A mean over an area much larger than L² has the variance σ² L² / area, as if each square of
-//! the side L had one error of its own. A likelihood was tried in place of (1). It depends on the finest detail,
-//! and there a form of K that is not the camera's made L a factor of three wrong.
+//! and then σ follows. A mean over an area much larger than L² has the variance σ² L² / area, as if each square of the
+//! side L had one error of its own. A likelihood was tried in place of (1). It depends on the finest detail, and there
+//! a form of K that is not the camera's made L wrong by a factor of three.
 
 use super::block::Block;
 use super::plane::{self, Projection};

@@ -12,12 +12,12 @@ fn over(camera: &PinholeCamera) -> FieldRectangle {
     rectangle(camera).expect("rays")
 }
 
-/// Returns a camera's scans of a board, some of them far and in the corners.
+/// Returns a camera's scans of a board, some of them far away and in the picture's corners.
 fn views(seed: u64, count: usize, distortion: &ScannerDistortion) -> (Vec<PlaneView>, PinholeCamera) {
     views_at_scale(seed, count, distortion, |_| 0.0)
 }
 
-/// Returns the same by a camera with distances that are too long by this share in each scan.
+/// Returns the scans of a camera with distances that are too long, by a fraction that `scale` gives for each scan.
 fn views_at_scale(
     seed: u64,
     count: usize,
@@ -51,7 +51,7 @@ fn views_by(
     (views, camera)
 }
 
-/// Returns the remainder of the true error at the places of boards, without the part that turns planes into planes:
+/// Returns the remainder of the true error at the positions of boards, without the part that turns planes into planes:
 /// rms, mm.
 fn left_mm(found: &ScannerErrors, distortion: &ScannerDistortion, views: &[PlaneView]) -> [f64; 2] {
     let of = |value: &dyn Fn([f64; 2]) -> f64| {
@@ -106,8 +106,8 @@ fn what_turns_planes_into_planes_is_found_by_distances() {
     assert!((slope_mm[0] - 1.0).abs() < 0.2 && slope_mm[1].abs() < 0.2, "{slope_mm:?}");
 }
 
-/// By hand: alternating shares of 0.15 % and 0.05 % have a mean of 0.1 %, and each differs from it by 0.05 %. The
-/// fit's two terms absorb a part of that. The effect of the smooth error alone on distances does not count.
+/// By hand: alternating scale errors of 0.15 % and 0.05 % have a mean of 0.1 %, and each differs from it by 0.05 %.
+/// The fit's two terms absorb a part of that. The effect of the smooth error alone on distances does not count.
 #[test]
 fn scale_from_scan_to_scan_is_told_from_the_smooth_error() {
     let none = ScannerDistortion::new(5, 0.0);

@@ -1,8 +1,8 @@
 //! The depth error that maps planes to other planes, determined from the distances between printed corners.
 //!
-//! A depth error that is linear over the directions, c = a + b x + c y, leaves flat boards flat, and makes
-//! distances on them longer where it is larger. With the scale sᵢ of each scan's distances, and its change by each
-//! part, the linear fit is
+//! A depth error that is linear over the directions, c = a + b x + c y, leaves flat boards flat, and makes distances
+//! on them longer where it is larger. With the scale sᵢ of each scan's distances, and its derivative with respect to
+//! each coefficient, the linear fit is
 //!     sᵢ = s + a ∂s/∂a + b ∂s/∂b + c ∂s/∂c,                                                                    (1)
 //! Only b and c are a correction: only the boards' depths distinguish s and a, which act as a scale.
 
@@ -23,7 +23,7 @@ pub(super) struct Tilt {
     /// The remainder of the scales after (1), or after its first two terms if there is no slope; one standard
     /// deviation, percent.
     pub left_percent: f64,
-    /// The number of scans beyond that of the terms.
+    /// The degrees of freedom: the number of scans minus the number of terms.
     pub free: usize,
 }
 
@@ -31,8 +31,8 @@ pub(super) struct Tilt {
 const BELOW_95_PERCENT: f64 = 1.645;
 
 impl Tilt {
-    /// Returns the remainder of the scales beyond this known variance, squared percent; one standard deviation,
-    /// percent. Zero if chance alone may leave as much.
+    /// Returns the standard deviation of the scales, percent, without this known variance, squared percent. Zero if
+    /// the remainder may be due to chance.
     pub fn beyond_percent(&self, known: f64) -> f64 {
         let left = self.left_percent.powi(2);
         let by_chance = known * (1.0 + BELOW_95_PERCENT * (2.0 / self.free as f64).sqrt());

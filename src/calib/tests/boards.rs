@@ -119,8 +119,8 @@ fn a_grid_that_grew_beyond_its_board_is_not_taken_for_one() {
 }
 
 /// The 5×4 board in a picture of full size. If the search is for a board with more squares or with fewer, the error
-/// names the board in the picture. A part of a board is never mistaken for the whole. Its corners in the other
-/// order are the same.
+/// names the board in the picture. A part of a board is never mistaken for the whole. A search for the board with
+/// columns and rows exchanged finds the same corners.
 #[test]
 fn another_board_is_named_and_a_part_is_not_the_whole() {
     let board = |text: &str| Board::parse(text, 40.0).expect("a board");

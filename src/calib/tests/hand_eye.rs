@@ -98,8 +98,8 @@ fn a_bad_robot_is_told_by_the_uncertainty() {
     }
 }
 
-/// An arm returns to a pose to ±0.03 mm. A pose that is 0.02 mm off is not noticed among poses that happen to be
-/// exact, one that is 0.2 mm off is.
+/// An arm returns to a pose within ±0.03 mm. Among poses that happen to be exact, a pose that is 0.02 mm off is not
+/// reported, and one that is 0.2 mm off is.
 #[test]
 fn a_pose_within_an_arms_own_scatter_is_not_wrong() {
     let cell = cell(5, RobotNoise { shift_mm: 0.0, turn_deg: 0.0 });

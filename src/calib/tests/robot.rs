@@ -163,7 +163,7 @@ fn contact_errors_mm(simulated: &Simulated, found: &RobotFound, corrected: bool)
             reached(geometry, &simulated.errors, simulated.tip, spot, start, &mut random).expect("in reach");
         let nominal = base_from_flange(geometry, &joints, &[0.0; ARM_NUMBERS]);
         let pose = ArmPose { joints: Some(joints), base_from_flange: nominal };
-        // The camera sees the true spot, and gives its place by the mount that was found.
+        // The camera sees the true spot, and gives its position with the mount that was found.
         let seen = (found.rigs[0].mount * truth.inverse() * nalgebra::Point3::from(spot)).coords;
         let flange = if corrected { found.correction.base_from_flange(&pose).expect("axes") } else { nominal };
         let tip = found.tip_mm.expect("touched");

@@ -59,9 +59,9 @@ fn the_mount_comes_back() {
     assert!(missing.expect_err("no flange").to_string().contains("base_from_flange"));
 }
 
-/// The case of the issue: the outer corners touched as 3, 4, 1, 2 cause no error in the distances. Without a rough
-/// mount the verdict is review, with one it is reject. With a fourth corner that breaks the symmetry the error is
-/// several squares.
+/// A reported case: the outer corners touched as 3, 4, 1, 2 cause no error in the distances. Without a rough mount the
+/// verdict is review, with one it is reject. With a fourth corner that breaks the symmetry the error is several
+/// squares.
 #[test]
 fn outer_corners_touched_from_the_other_end_are_not_accepted() {
     let cell = cell();

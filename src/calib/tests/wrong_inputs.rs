@@ -9,8 +9,8 @@ use crate::geometry::{Base, Flange, KukaPose, PinholeCamera, Pixel, Point, Rigid
 use crate::verdict::{Judgement, Verdict};
 use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-/// Returns the gate's judgement of these stations, with the rough mount that a person measured; an error is only
-/// its words.
+/// Returns the gate's judgement of these stations, with the rough mount that a person measured; an error is returned
+/// as its text.
 fn judged<A: Arrangement>(
     camera: &PinholeCamera,
     stations: &[Station<A::From>],
@@ -146,7 +146,7 @@ fn shifted_mirrored_and_other_mounts_are_named() {
         .collect();
     let mirrored = words(&judged::<ScannerMount>(&camera, &mirrored, None));
     assert!(mirrored.contains("mirrored"), "{mirrored}");
-    // A fixed camera's poses with `--mount eye-in-hand`: these frames are only claimed.
+    // A fixed camera's poses with `--mount eye-in-hand`: the frames of the type are not the true ones.
     let other: Vec<Station<crate::geometry::FlangeCamera>> = stations
         .iter()
         .map(|station| {
@@ -162,8 +162,8 @@ fn shifted_mirrored_and_other_mounts_are_named() {
     assert!(other.contains("--mount is wrong: these poses"), "{other}");
 }
 
-/// The case of the issue: squares of 25.00 mm, stated as 24.9, are measured as 25.00 within hundredths, and the
-/// mount is rejected. The same applies if they are stated as 2.5, 24.5 or 29.
+/// A reported case: squares of 25.00 mm, stated as 24.9, are measured as 25.00 within hundredths, and the mount is
+/// rejected. The same applies if they are stated as 2.5, 24.5 or 29.
 #[test]
 fn squares_of_another_size_are_measured_and_rejected() {
     for seed in [1, 2, 3] {

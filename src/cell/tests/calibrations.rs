@@ -1,4 +1,4 @@
-//! The files that a cell names, lenses and mounts: read, refused, and written as they were read.
+//! Tests of the files that a cell names, lenses and mounts: they are read, refused, and written as they were read.
 
 use super::super::*;
 use super::problems;

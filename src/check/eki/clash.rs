@@ -18,8 +18,8 @@ pub(crate) fn clashes(channels: &[(usize, &str, &StatedChannel)]) -> Vec<(usize,
     found
 }
 
-/// Returns warnings for channels on which one controller listens at different addresses, for all channels but the
-/// first. A controller has few networks, and usually only one for this purpose.
+/// Returns warnings if one controller listens at different addresses: one for each channel with another address than
+/// the first channel. A controller has few networks, and usually only one for this purpose.
 pub(crate) fn addresses_apart(channels: &[(usize, &str, &StatedChannel)]) -> Vec<(usize, Problem)> {
     let listening = channels.iter().filter(|(_, _, channel)| channel.listens());
     let mut stated = listening.filter_map(|(place, file, channel)| {

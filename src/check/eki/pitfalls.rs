@@ -6,8 +6,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// The ports that the controller's firewall opens.
 const PORTS: std::ops::RangeInclusive<u16> = 54_600..=54_615;
-/// One more than the last `$FLAG`, which is also the end of the manual's range for Set_Flag; larger numbers are
-/// refused as outside of that range.
+/// The number after the last `$FLAG`, and also the end of the manual's range for Set_Flag; larger numbers are refused
+/// as outside of that range.
 const FIRST_NO_FLAG: u32 = 1025;
 
 /// Adds everything to `found` that is visible from one channel's own file.
@@ -168,7 +168,8 @@ fn elements(channel: &StatedChannel, found: &mut Findings) {
     root_flags(channel, found);
 }
 
-/// A root's flag shows that a message is whole; a leaf's flag shows only that the leaf was there.
+/// Warns if no flag shows that a message is complete: a root's flag shows this, a leaf's flag shows only that the leaf
+/// was present.
 fn root_flags(channel: &StatedChannel, found: &mut Findings) {
     let mut seen = BTreeSet::new();
     for element in channel.received.iter().filter(|element| !element.inside().is_empty()) {

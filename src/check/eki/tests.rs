@@ -208,7 +208,7 @@ fn what_is_no_channel_file_is_said() {
     expect(&deep, &["1 : not XML: more than 32 elements inside each other"], &[]);
 }
 
-/// Invented elements, another case, comments as in a data list: read, and reported.
+/// Unknown elements, names in another case, and comments as in a data list: they are read and reported.
 #[test]
 fn unknown_names_get_the_nearest_right_one() {
     let internal =
@@ -265,7 +265,7 @@ fn elements_are_looked_at_one_by_one() {
     assert!(report.says.contains(&rises), "{:?}", report.says);
 }
 
-/// Two nodes below one that carries the flag: the flag rises when both have arrived. Then a datum beside them that
+/// Two nodes below a node with the flag: the flag is set when both have arrived. Then a datum beside that node, which
 /// the flag does not cover.
 #[test]
 fn a_flag_above_all_data_is_as_good_as_the_roots() {
@@ -343,7 +343,7 @@ fn files_of_one_controller_are_held_against_each_other() {
     assert_begins(&lines(&reports[1].problems), &["1 : a/ONE.xml is a channel ONE too"], COMMANDS);
 }
 
-/// As in a project's file of flags: 2,688 is no number of the manual's range, and that is the only message.
+/// As in a project's file of flags: 2,688 is outside of the manual's range, and only this is reported.
 #[test]
 fn a_flag_that_is_none_is_told_once() {
     let flags = |number: &str| {

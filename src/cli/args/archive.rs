@@ -15,8 +15,8 @@ pub struct Archive {
 /// The tasks of the archive command.
 #[derive(Debug, Clone, Subcommand)]
 pub enum ArchiveTask {
-    /// Receive what cells send from the broker, keep it in PostgreSQL and a folder, and report to the cells what
-    /// the archive has, until a signal ends it. Any failure (broker, database, disk) is tried again.
+    /// Receive what cells send from the broker, store it in PostgreSQL and a folder, and report to the cells what the
+    /// archive has, until a signal ends it. Any failure (broker, database, disk) is tried again.
     #[command(
         after_help = "The settings are those of config/archive.toml. On a machine with nats-server -js and PostgreSQL:\n  \
         panelprep archive run --settings /etc/panelprep/archive.toml"

@@ -33,7 +33,7 @@ pub struct Check {
     pub purpose: Option<PurposeName>,
 }
 
-/// What a cell's file must be complete for.
+/// The purpose for which a cell's file must be complete.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum PurposeName {
     /// Commands on files alone: existing entries must be right, none is required.
@@ -86,7 +86,7 @@ pub struct Teach {
     /// The flange's pose at that picture.
     #[arg(long, value_name = "POSE.json")]
     pub flange: Vec<PathBuf>,
-    /// Folder for pictures of what was learnt or, if nothing could be learnt, of the input.
+    /// Folder for pictures of the taught data or, if nothing could be taught, of the input.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
 }
@@ -119,7 +119,7 @@ pub struct Locate {
     /// File for the located pose, as `--json` prints it: the input for `--located` of other commands.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// Folder for a picture of the panel at the place found.
+    /// Folder for a picture of the panel at the pose that was found.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
 }
@@ -201,8 +201,8 @@ pub struct Label {
     /// The panel's recipe, whose grids are drawn over the pictures. The panel must have been taught.
     #[arg(long, value_name = "FILE")]
     pub recipe: Option<PathBuf>,
-    /// A pose, or the output of `locate` or `refine`: the place of the panel for the grids. Without it, they are
-    /// drawn at its nominal place.
+    /// A pose, or the output of `locate` or `refine`: the pose of the panel for the grids. Without it, they are drawn
+    /// at its nominal pose.
     #[arg(long, value_name = "POSE.json", requires = "recipe")]
     pub located: Option<PathBuf>,
     /// Address of the page: a loopback address; port 0 uses a free one.

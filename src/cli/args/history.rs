@@ -82,14 +82,14 @@ pub enum HistoryTask {
         /// The number of the other.
         second: i64,
     },
-    /// The development of a number of a panel over its cycles, with its limits, and with hints by the rules of
-    /// Western Electric.
+    /// The trend of a quantity of a panel over its cycles, with its limits, and with hints by the rules of Western
+    /// Electric.
     #[command(after_help = format!("NAME is one of these words:\n  {}\nor the name of a check as the page of a cycle has it, in quotes.",
         crate::history::Known::words().join("\n  ")))]
     Trend {
         /// The panel, by its name in the recipe.
         panel: String,
-        /// The number: a keyword of the list below, or the name of a check.
+        /// The quantity: a keyword of the list below, or the name of a check.
         name: String,
     },
     /// How often the film broke on each grid of a panel, and after which time, over all parts of this kind.

@@ -97,9 +97,9 @@ pub struct VerifyRecord {
     /// to the record that the head names.
     #[arg(long, value_name = "FILE")]
     pub head: Option<PathBuf>,
-    /// The records must be all of the cell, from the first to the last one that is here. Without it, and without a
-    /// head, missing numbers are reported but are not a fault: the record of one cycle is handed on without those
-    /// of others.
+    /// The records must be all records of the cell, from the first to the last one that is given. Without it, and
+    /// without a head, missing numbers are reported but are not a fault: the record of one cycle is handed on without
+    /// those of others.
     #[arg(long)]
     pub all: bool,
 }

@@ -92,8 +92,9 @@ pub enum RobotFunction {
         /// Its index there.
         index: u16,
     },
-    /// None of the nine: goes through what the installation page requires to be proven on the controller, and
-    /// writes a page to sign. It tests what a client can test and asks for the rest; it causes no motion.
+    /// None of the nine functions: goes through everything that the installation page requires to be proven on the
+    /// controller, and writes a page to sign. It tests what a client can test and asks the person for the rest; it
+    /// causes no motion.
     Prove(Prove),
 }
 

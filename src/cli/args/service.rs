@@ -77,7 +77,7 @@ pub enum CtlAsk {
     },
     /// Stop the work in progress: no further waypoint, tool off, retract.
     Hold,
-    /// Continue after a hold, with a look at the corner.
+    /// Continue after a hold, with a new picture of the corner.
     Unhold {
         /// The panel is dry: locate it again.
         #[arg(long)]

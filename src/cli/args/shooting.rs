@@ -50,8 +50,8 @@ pub struct Shoot {
     /// From this second on, the film's pictures are marked as taken under the spray, the earlier ones as dry.
     #[arg(long, value_name = "S")]
     pub spray_from_s: Option<f64>,
-    /// From this second on they are marked as wet; without this option, a film without spray is marked so from its
-    /// begin.
+    /// From this second on, the film's pictures are marked as wet; without this option, a film without spray is marked
+    /// as wet from its beginning.
     #[arg(long, value_name = "S")]
     pub wet_from_s: Option<f64>,
     /// What a simulated cell shows.

@@ -25,7 +25,7 @@ pub enum ToolName {
     /// A tool with its own force, calibrated on coupons: the recipe requests a removal in µm.
     #[default]
     Compliant,
-    /// A spring on the flange: the path is even in time, and the removal is not known.
+    /// A spring on the flange: the path gives an even time under the disc, and the removal is not known.
     Spring,
 }
 
@@ -44,8 +44,8 @@ pub struct Demo {
     /// Factor by which the cameras have fewer pixels in each direction; 1 is full size.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=8))]
     pub reduction: u32,
-    /// Deviation of the simulated arm from its drawing at the tool, rms, mm; it is calibrated before the cycle. 0
-    /// is an arm as drawn.
+    /// Deviation of the simulated arm from its nominal geometry at the tool, rms, mm; it is calibrated before the
+    /// cycle. 0 is an arm with its nominal geometry.
     #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = arm_error)]
     pub arm_error_mm: f64,
     /// Cameras and tool are calibrated, but the errors of the arm are not.
@@ -54,7 +54,7 @@ pub struct Demo {
     /// The tool that presses the disc on the panel.
     #[arg(long, value_enum, default_value_t)]
     pub tool: ToolName,
-    /// Make the compliant tool fail on the way: NAME[=VALUE]@N, from the Nth waypoint in contact on, as
+    /// Make the compliant tool fail during the path: NAME[=VALUE]@N, from the Nth waypoint in contact on, as
     /// `silent@40`; the score then states how soon the sander was off.
     #[arg(long, value_name = "FAULT", conflicts_with = "page")]
     pub tool_fault: Option<PlannedToolFault>,
@@ -77,8 +77,8 @@ pub struct Render {
     /// The content of the cell.
     #[arg(long, value_enum, default_value_t)]
     pub scene: SceneName,
-    /// Which of the seed's places the panel has: the same panel with the same grease, displaced differently for
-    /// each number. The data for teaching is the same for all of these places.
+    /// The number of the panel's displacement: with the same seed, it is the same panel with the same grease,
+    /// displaced differently for each number. The data for teaching are the same for all numbers.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub place: u32,
     /// Also write the panel's drawing, drawing.stl, and a recipe for teaching the panel from it.
@@ -106,7 +106,8 @@ pub struct Render {
     /// Factor by which the cameras have fewer pixels in each direction; 1 is full size.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=8))]
     pub reduction: u32,
-    /// Deviation of the simulated arm from its drawing at the tool, rms, mm; 0 is an arm as drawn.
+    /// Deviation of the simulated arm from its nominal geometry at the tool, rms, mm; 0 is an arm with its nominal
+    /// geometry.
     #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = arm_error)]
     pub arm_error_mm: f64,
     /// Error of the simulated 3D camera, which is not well calibrated: its scans are bent by this amount, mm, the
@@ -140,7 +141,7 @@ pub fn scanner_distortion(seed: u64, error_mm: f64) -> Option<ScannerDistortion>
     (error_mm > 0.0).then(|| ScannerDistortion::new(seed, error_mm))
 }
 
-/// The simulated arm of this seed; `None` if it is as drawn.
+/// The simulated arm of this seed; `None` if it has its nominal geometry.
 pub fn real_arm(seed: u64, error_mm: f64) -> Option<RealArm> {
     (error_mm > 0.0).then(|| RealArm::new(seed, error_mm))
 }

@@ -26,10 +26,11 @@ pub struct Simulation {
     /// The content of the simulated cell.
     #[arg(long, value_enum, default_value_t)]
     pub scene: SceneName,
-    /// Which of the seed's places the panel has.
+    /// The number of the panel's displacement, for this seed.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub place: u32,
-    /// Deviation of the simulated arm from its drawing at the tool, rms, mm; 0 is an arm as drawn.
+    /// Deviation of the simulated arm from its nominal geometry at the tool, rms, mm; 0 is an arm with its nominal
+    /// geometry.
     #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = arm_error)]
     pub arm_error_mm: f64,
     /// The simulated compliant tool fails during the path: NAME[=VALUE]@N, from the Nth waypoint in contact on, as

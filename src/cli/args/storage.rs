@@ -77,7 +77,7 @@ pub struct Replay {
 pub struct PageOf {
     /// The number of the cycle.
     pub cycle: i64,
-    /// File for the page; without it, the place where the service writes it: `reports/` in the store.
+    /// File for the page; without it, the file that the service writes: in `reports/` in the store.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
 }

@@ -107,7 +107,7 @@ pub enum What {
         panelprep calibrate force --cell target/cell/cell.toml --readings target/cell/boards/force.toml"
     )]
     Force(Force),
-    /// Look at a fixed board and compare with its known pose; kept in the store.
+    /// Measure a fixed board with a camera and compare its pose with the known one; the result is stored.
     #[command(
         after_help = "Examples, after `panelprep render --out target/cell`; a cycle needs both:\n  panelprep \
                             calibrate verify --cell target/cell/cell.toml --camera scanner --board 5x4 --square-mm \
@@ -127,7 +127,7 @@ pub enum What {
                             target/cell/target/scanner.toml --live target/shots"
     )]
     Verify(Verify),
-    /// Touch known corners of that board with the calibrated tool and compare; the result is kept in the store.
+    /// Touch known corners of a fixed board with the calibrated tool and compare; the result is stored.
     #[command(after_help = "Example, after `panelprep render --out target/cell`:\n  \
         panelprep calibrate touch --cell target/cell/cell.toml --board 5x4 --square-mm 40 \
         --target target/cell/target/scanner.toml --points target/cell/target/touched.toml")]
@@ -136,8 +136,8 @@ pub enum What {
     /// struck out, by whom and why.
     #[command(after_help = "Example:\n  panelprep calibrate history --cell target/cell/cell.toml")]
     History,
-    /// Strike out a look or touch that is not evidence about the calibration. It stays in the store with the person
-    /// and the reason, and no longer counts. An older one does not replace it: look or touch again.
+    /// Strike out a verification by picture or touch that is no evidence about the calibration. It stays in the store
+    /// with the person and the reason, and no longer counts. An older verification does not replace it: verify again.
     #[command(
         after_help = "Example:\n  panelprep calibrate strike 3 --by \"A. Smith\" --why \"the board was moved\" \
         --cell target/cell/cell.toml"

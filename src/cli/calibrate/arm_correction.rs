@@ -21,7 +21,7 @@ pub struct InUse {
 }
 
 impl InUse {
-    /// The correction in this file, else the one of the cell's file; `None` if neither is named.
+    /// Loads the correction of this file, else the one of the cell's file; `None` if neither is named.
     ///
     /// # Errors
     /// If a file cannot be read or is invalid.
@@ -60,7 +60,7 @@ impl InUse {
         self.true_flange(reported, joints).ok_or_else(|| Fault::file(file, format!("{name}: {NO_AXES}")))
     }
 
-    /// The same; `None` if the pose has no axes.
+    /// Returns the true pose of the flange; `None` if the pose has no axes.
     pub fn true_flange(
         &self,
         reported: Rigid<Base, Flange>,
@@ -69,7 +69,7 @@ impl InUse {
         Some(self.arm.true_flange(reported, joints?))
     }
 
-    /// Corrects the places that the tip touched, and the flange's pose at the picture.
+    /// Corrects the positions that the tip touched, and the flange's pose at the picture.
     ///
     /// # Errors
     /// If one of them has no axes.
@@ -89,7 +89,8 @@ impl InUse {
         Ok(())
     }
 
-    /// The true place of the tip that the controller reported here: it moves with the flange, for any tool.
+    /// Returns the true position of the tip for the position that the controller reported: the tip moves with the
+    /// flange, for any tool.
     fn tip(&self, reported: Point<Base>, joints: &Joints) -> Option<Point<Base>> {
         let drawn = self.arm.drawn_flange(joints)?;
         Some(self.arm.true_flange(drawn, joints) * (drawn.inverse() * reported))

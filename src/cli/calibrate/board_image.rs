@@ -48,7 +48,8 @@ impl BoardImage {
         detect::detect(&self.name, &self.gray, board, half_window_px)
     }
 
-    /// The same, but reports first that it searches: a large picture without the board needs a second.
+    /// Finds the board's corners, but reports first that it searches: a large picture without the board needs a
+    /// second.
     ///
     /// # Errors
     /// As [`BoardImage::detect`].

@@ -21,11 +21,11 @@ use std::path::Path;
 /// Maximum error of a reading without contact, as a share of the tool's band.
 const OF_BAND: f64 = 0.5;
 
-/// Measures the force, or with `--verify` compares it with the cell's file and keeps the result in the store.
+/// Determines payload and zero, or with `--verify` compares them with the cell's file and stores the result.
 ///
 /// # Errors
-/// If the readings file has problems or gives no result, the tool's axis is not known, or with `--verify` the cell
-/// has no compliant tool.
+/// If the readings file has problems or gives no result, the tool's axis is not known, or with `--verify` the cell has
+/// no compliant tool.
 pub fn run(args: &Args, common: &Common) -> Result<Outcome, Fault> {
     let text = disk::read_text(&args.readings)?;
     let cell = CellFiles::read(common)?;

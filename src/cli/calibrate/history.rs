@@ -1,5 +1,5 @@
-//! `panelprep calibrate history` and `strike`: the looks and touches that the store keeps, and which of these do
-//! not count.
+//! `panelprep calibrate history` and `strike`: the verifications by pictures and touches in the store, and which of
+//! them do not count.
 
 use super::super::args::Common;
 use super::super::fault::Fault;
@@ -30,10 +30,10 @@ pub fn run(common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// Strikes one out.
+/// Strikes a verification out.
 ///
 /// # Errors
-/// If there is no store, it has no such verification, or that one is already struck out.
+/// If there is no store, or the verification does not exist or is already struck out.
 pub fn strike(args: &StrikeOut, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let strike = Strike { by: args.by.clone(), why: args.why.clone(), at_unix_s: date::now_unix_s() };

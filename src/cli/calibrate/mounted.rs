@@ -8,7 +8,7 @@ use crate::cell::{Cell, FlangeCameraMount, Intrinsics, ScannerMount};
 use crate::geometry::{Base, Camera, Point, Rigid};
 use std::path::Path;
 
-/// The data on a mount that the command needs in addition to its chain.
+/// The functions of a mount that the command needs in addition to those of its arrangement.
 pub trait Mounted: Arrangement {
     /// Returns the mount's rough pose from the cell's file.
     fn rough(cell: &Cell) -> Option<Rigid<Self::To, Self::From>>;
@@ -16,7 +16,7 @@ pub trait Mounted: Arrangement {
     /// Converts points of a 3D camera to points in the frame of this mount's camera.
     fn points(seen: BoardObservation<Camera>) -> Option<BoardObservation<Self::From>>;
 
-    /// A point of the base as the camera sees it, if the camera is fixed.
+    /// Returns a point of the base as the camera sees it, if the camera is fixed.
     fn seen_from(mount: &Rigid<Self::To, Self::From>, point: Point<Base>) -> Option<Point<Self::From>>;
 }
 
@@ -48,7 +48,7 @@ impl Mounted for FlangeCameraMount {
     }
 }
 
-/// The cell's file, if it exists: it only bounds the result.
+/// Reads the cell's file, if it exists: it is only used to limit the result.
 pub fn cell(common: &Common) -> Result<Option<Cell>, Fault> {
     if !common.cell.is_file() {
         return Ok(None);

@@ -1,8 +1,8 @@
 //! `panelprep calibrate verify --poses`: measures the remaining error over the working volume.
 //!
-//! The camera on the flange looks at one fixed board from many poses. Each picture gives the board's pose through
-//! arm, mount and lens. The distance of the board's farthest corner from its known place is the remaining error
-//! there.
+//! The camera on the flange looks at one fixed board from many poses. Each picture gives the board's pose through arm,
+//! mount and lens. The distance of the board's farthest corner from its known position is the remaining error at this
+//! pose.
 
 use super::super::disk;
 use super::super::fault::Fault;
@@ -25,7 +25,7 @@ use std::path::Path;
 /// Minimum number of pictures for a measurement over the volume.
 const MIN_PICTURES: usize = 3;
 
-/// Looks at every picture, and keeps the worst as a verification.
+/// Evaluates every picture, and stores the worst result as a verification.
 ///
 /// # Errors
 /// If a file is invalid, too few pictures show the board, or the store cannot be written.

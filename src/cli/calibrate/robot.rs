@@ -108,7 +108,7 @@ fn refused(code: &'static str, message: String, args: &Args) -> Outcome {
     outcome
 }
 
-/// The touches; a corner is one of the rig with the fixed board, or one in a picture of the fixed camera.
+/// Reads the touches; a touched corner belongs to the rig with the fixed board, or to a picture of the fixed camera.
 fn touches(args: &Args, file: &Path, data: &RobotData, cameras: &[PinholeCamera]) -> Result<Vec<ArmTouch>, Fault> {
     let board = boards::board(&args.board)?;
     let folder = file.parent().unwrap_or(Path::new("."));

@@ -11,7 +11,7 @@ use crate::path::{Kinematics, reach};
 use nalgebra::{Isometry3, Vector3};
 use serde_json::json;
 
-/// Number of evaluated places of the working volume along each of its sides.
+/// Number of evaluated positions in the working volume along each of its sides.
 const PLACES: [usize; 3] = [4, 4, 3];
 
 /// Reports the stated error over the working volume and the next pose.
@@ -138,7 +138,7 @@ fn reachable_postures(
 }
 
 /// Poses all over the working volume: the cell's box or, without one, the region of the measured poses. The tool's
-/// orientation at each place is that of the nearest measured pose.
+/// orientation at each position is that of the nearest measured pose.
 fn volume(cell: &Cell, found: &RobotFound, data: &RobotData) -> Vec<ArmPose> {
     let arm = Kinematics::new(cell.arm());
     let measured: Vec<Rigid<Base, Flange>> = data.views.iter().map(|view| view.pose.base_from_flange).collect();

@@ -23,7 +23,7 @@ const MEDIAN_PX: (f64, f64) = (0.1, 1.0);
 /// every position of its frame.
 const MIN_RELIEF: f64 = 0.05;
 
-/// Reads the lens and writes the file.
+/// Computes the lens from the scan and writes the file.
 ///
 /// # Errors
 /// If the file is not an organised cloud in a camera's frame.

@@ -1,4 +1,4 @@
-//! `panelprep calibrate scanner`: determines the 3D camera's own errors, from scans of a flat board in many places.
+//! `panelprep calibrate scanner`: determines the 3D camera's own errors, from scans of a flat board at many positions.
 
 use super::super::disk;
 use super::super::fault::Fault;

@@ -18,7 +18,7 @@ pub struct Target {
 }
 
 impl Target {
-    /// Reads its file; a board that the command also names must be the same.
+    /// Reads the file of a target; a board that the command also names must be the same.
     ///
     /// # Errors
     /// If the file is invalid, or the command names another board.

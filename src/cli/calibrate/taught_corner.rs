@@ -1,7 +1,7 @@
-//! `panelprep calibrate verify --recipe`: a taught corner at its nominal place as the target of the flange camera.
+//! `panelprep calibrate verify --recipe`: a taught corner at its nominal position as the target of the flange camera.
 //!
-//! Compares the corner in the picture with its expected place, in mm across the view. This tests mount, lens and
-//! arm together, but nothing along the view.
+//! Compares the corner in the picture with its expected position, in mm perpendicular to the viewing direction. This
+//! tests mount, lens and arm together, but no error along the viewing direction.
 
 use super::super::fault::Fault;
 use super::super::load::{self, CellFiles};
@@ -16,7 +16,7 @@ use crate::verdict::Judgement;
 use serde_json::json;
 use std::path::Path;
 
-/// Looks at the first taught corner and compares.
+/// Measures the first taught corner in the picture and compares it with its expected position.
 ///
 /// # Errors
 /// If a file is invalid, no corner was taught, the picture shows none, or the store cannot be written.

@@ -1,10 +1,10 @@
-//! The true place of the tool's tip at each touch: computed from the axes and the cell's own tool, not from the
+//! The true position of the tool's tip at each touch: computed from the axes and the cell's own tool, not from the
 //! pendant's display.
 //!
 //!     base_from_tip = base_from_flange(axes) · flange_from_tool
-//! The pendant shows the tip of the tool that is selected there, on an arm as drawn. A touch must show how well the
-//! cell's tool and the arm's correction agree with the board. So the pendant's place is used only to check that
-//! axes and touch belong together.
+//! The pendant shows the tip of the tool that is selected there, for an arm with its nominal geometry. A touch must
+//! show how well the cell's tool and the arm's correction agree with the board. So the pendant's position is used only
+//! to check that axes and touch belong together.
 
 use super::super::fault::Fault;
 use super::super::load::CellFiles;
@@ -18,12 +18,12 @@ use std::path::Path;
 /// less.
 const SAME_TOOL_MM: f64 = 3.0;
 
-/// Moves the tips to the places that axes and tool give. Without axes, a place stays as the pendant shows it, on an
-/// arm as drawn.
+/// Moves the tips to the positions that follow from axes and tool. Without axes, a position stays as the pendant shows
+/// it, which is that of an arm with its nominal geometry.
 ///
 /// # Errors
-/// If axes are missing although the arm has a correction, or if the pendant shows another tip than these axes and
-/// the cell's tool give on the arm as drawn.
+/// If axes are missing although the arm has a correction, or if the pendant shows another tip than these axes and the
+/// cell's tool give for an arm with its nominal geometry.
 pub fn by_axes(
     files: &CellFiles,
     flange_from_tool: &Rigid<Flange, Tool>,

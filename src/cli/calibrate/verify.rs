@@ -26,12 +26,12 @@ use std::path::Path;
 /// The measurement from a picture of the board, through the calibrations in use.
 struct Looked {
     look: BoardMeasurement,
-    /// The board by the 3D camera's own points, if it has them, and how much farther away they place it than the
-    /// picture does, mm.
+    /// The board's pose from the 3D camera's own points, if there are any, and how much farther away than in the
+    /// picture they place the board, mm.
     by_points: Option<(Rigid<Base, crate::geometry::Board>, f64)>,
     /// Whether the picture was taken with points, which should also show the board.
     has_cloud: bool,
-    /// Why nothing may be measured at the board's place in the picture.
+    /// Why no measurement is allowed at the board's position in the picture.
     outside: Option<Reason>,
     picture_hash: String,
     calibration_hash: String,
@@ -101,7 +101,8 @@ fn look(
     Ok(Looked { look, by_points, has_cloud, outside, picture_hash: board_image.hash, calibration_hash })
 }
 
-/// Looks at the target, a board or a taught corner, and compares; with `--learn`, writes the board's pose.
+/// Measures the target, a board or a taught corner, in the picture and compares it with the known pose; with
+/// `--learn`, writes the board's pose.
 ///
 /// # Errors
 /// If a file is invalid, the picture shows no target, or the store cannot be written.
@@ -156,7 +157,7 @@ pub fn run(args: &Verify, common: &Common, progress: &dyn Fn(&str)) -> Result<Ou
     Ok(outcome)
 }
 
-/// The outcome of a look that gives no evidence about the calibration: it is not kept.
+/// Returns the outcome of a measurement that gives no evidence about the calibration and is not stored.
 fn refused(reason: Reason, error_mm: f64, limit_mm: f64) -> Outcome {
     let mut outcome = Outcome::from_judgement(&Judgement::new(vec![reason], vec![]));
     outcome.put("error_mm", json!(error_mm));
@@ -197,7 +198,7 @@ fn learn(
     Ok(outcome)
 }
 
-/// Compares touched places with the known places of the corners.
+/// Compares touched positions with the known positions of the corners.
 ///
 /// # Errors
 /// If a file is invalid, a corner is not on the board, or the store cannot be written.

@@ -93,7 +93,7 @@ pub(super) fn taught(store: &Store) -> Vec<Check> {
     panels.into_iter().map(check).collect()
 }
 
-/// Each calibration: does it exist, and was it verified recently according to the store?
+/// Checks for each calibration whether it exists, and whether the store contains a recent verification.
 pub(super) fn calibrations(files: &CellFiles, store: Option<&Store>) -> Vec<Check> {
     let camera = |name: &str, lens: Result<String, Fault>, mount: Result<String, Fault>| match (lens, mount) {
         (Ok(lens), Ok(mount)) => {

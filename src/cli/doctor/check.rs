@@ -20,7 +20,7 @@ pub(in crate::cli) struct Check {
     pub status: Status,
     /// What was found.
     pub found: String,
-    /// What to do about it; empty if it is right.
+    /// What to do about the item; empty if the item is right.
     pub advice: String,
 }
 

@@ -35,8 +35,8 @@ pub(super) fn cameras(files: &CellFiles, warm_up: bool) -> Vec<Check> {
     scanner.into_iter().chain(flange_camera).collect()
 }
 
-/// Opens the camera and waits for its first complete picture; if the service has the camera, the service takes one.
-/// Also returns the size if it is known: from its calibration, else from the camera itself.
+/// Opens the camera and waits for its first complete picture; if the service uses the camera, the service takes this
+/// picture. Also returns the size if it is known: from its calibration, else from the camera itself.
 #[cfg(feature = "gige")]
 fn gige_camera(files: &CellFiles, gige: &Gige) -> (Check, Option<[usize; 2]>) {
     use super::leased_camera::borrowed;

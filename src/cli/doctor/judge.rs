@@ -25,7 +25,7 @@ pub(super) fn disk(folder: &str, free_mb: u64) -> Check {
     }
 }
 
-/// The same as an alarm; `None` if there is room.
+/// Returns an alarm if the disk has little room; `None` if there is enough.
 pub(in crate::cli) fn scarce(folder: &str, free_mb: u64) -> Option<Reason> {
     let code = match free_mb {
         ..FLOOR_MB => "disk_full",
@@ -37,7 +37,7 @@ pub(in crate::cli) fn scarce(folder: &str, free_mb: u64) -> Option<Reason> {
     Some(Reason::new(code, words))
 }
 
-/// Is the clock set by a time server? `None` if that is not known.
+/// Reports whether a time server sets the clock; `kept` is `None` if this is not known.
 pub(super) fn clock_is_kept(kept: Option<bool>) -> Check {
     match kept {
         Some(true) => Check::right("clock", "set by a time server"),
@@ -158,12 +158,13 @@ pub(super) fn light(light: &Light, settings: &[ZividSettings]) -> Check {
     Check::wrong(name, format!("{found}, and an exposure is no multiple of that, or not stated"), advice)
 }
 
-/// The camera does not report the state of the light: a doubt, not a fault of the cell.
+/// Reports that the state of the light is not known, because the camera does not report it: a doubt, not a fault of
+/// the cell.
 pub(super) fn light_not_known(why: &str) -> Check {
     Check::right("light on the scene", format!("whether it flickers is not known: {why}"))
 }
 
-/// Has the 3D camera reached its steady temperature? A doubt is reported; a cycle may still begin.
+/// Checks whether the 3D camera has reached its steady temperature. A doubt is reported; a cycle may still begin.
 pub(super) fn warmth(warmth: Warmth) -> Check {
     let name = "scanner's warmth";
     match warmth {

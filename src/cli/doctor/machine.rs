@@ -35,7 +35,7 @@ pub(super) fn clock_is_kept() -> Check {
     }))
 }
 
-/// Nothing in the store may have been written in the future; `None` if there is no store.
+/// Checks that nothing in the store was written in the future; `None` if there is no store.
 pub(super) fn clock_behind(store: &Path) -> Option<Check> {
     let newest = fs::read_dir(store).ok()?.filter_map(|entry| {
         let written = entry.ok()?.metadata().ok()?.modified().ok()?;
@@ -44,7 +44,7 @@ pub(super) fn clock_behind(store: &Path) -> Option<Check> {
     Some(judge::clock_behind(newest.max()?, now_unix_s()))
 }
 
-/// Free space at the present or future place of the store.
+/// Checks the free space at the present or future path of the store.
 pub(super) fn disk(store: &Path) -> Check {
     let whole = std::path::absolute(store).unwrap_or_else(|_| store.to_owned());
     let there: Option<PathBuf> = whole.ancestors().find(|folder| folder.is_dir()).map(Path::to_owned);

@@ -1,5 +1,4 @@
-//! The compliant tool: does it answer, and does it report that all is right? It is held back, and nothing is
-//! pressed.
+//! Checks the compliant tool: whether it answers and reports no fault. The tool is held back, and nothing is pressed.
 
 use super::check::Check;
 use crate::cell::{Cell, CompliantTool};
@@ -34,7 +33,7 @@ pub(super) fn check(cell: &Cell, served: bool) -> Option<Check> {
     })
 }
 
-/// Waits until it is ready, up to the time limit.
+/// Waits until the tool is ready, up to the time limit.
 fn looked_at(tool: &CompliantTool, mut link: AcfLink) -> Check {
     let began = Instant::now();
     let (mut last, mut lost): (Option<Reading>, Option<Loss>) = (None, None);

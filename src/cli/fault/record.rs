@@ -24,7 +24,7 @@ pub enum RecordFault {
         /// The panels that were treated by cycles.
         panels: Vec<String>,
     },
-    /// The panel's cycles have no number of this name.
+    /// The panel's cycles have no quantity of this name.
     #[error(
         "no cycle of panel {panel} has a number {found}{}; write a word of this list: {}; or the name of a check as the page of a \
          cycle has it, in quotes",
@@ -37,7 +37,7 @@ pub enum RecordFault {
         panel: String,
         /// The existing name that is most similar.
         nearest: Option<String>,
-        /// The keywords of the numbers that exist.
+        /// The keywords of the quantities that exist.
         words: Vec<&'static str>,
     },
     /// A part that may not be abraded any more.
@@ -70,7 +70,7 @@ pub enum RecordFault {
         /// Why the cell's own store has no public key.
         problem: String,
     },
-    /// A name of the part that cannot be kept as it is.
+    /// A name of the part that is not valid.
     #[error("{option} \"{found}\": {problem}; write it as it is to appear on the cycle's page")]
     PartName {
         /// The option.

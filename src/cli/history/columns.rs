@@ -124,7 +124,7 @@ fn limit(limit: Limit) -> String {
     }
 }
 
-/// Two cycles next to each other. What both ran with is shown if it differs.
+/// Formats two cycles next to each other. Their inputs are shown only if they differ.
 pub(super) fn comparison(comparison: &Comparison) -> Vec<String> {
     let [first, second] = &comparison.cycles;
     let mut words = vec![match comparison.is_same_part {
@@ -170,7 +170,7 @@ pub(super) fn comparison(comparison: &Comparison) -> Vec<String> {
     words
 }
 
-/// Formats the trend of a number over time.
+/// Formats the trend of a quantity over time.
 pub(super) fn trend(trend: &Trend) -> Vec<String> {
     let unit = if trend.unit.is_empty() { String::new() } else { format!(" [{}]", trend.unit) };
     let mut words = vec![format!("{}{unit}", trend.title)];

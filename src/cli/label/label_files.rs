@@ -14,7 +14,7 @@ use crate::number_text::utc;
 use crate::page::label::{LabelStorage, Now, Saved};
 use std::path::{Path, PathBuf};
 
-/// The place in which the labels of a clip are kept.
+/// The folder in which the labels of a clip are stored.
 pub struct LabelFolder {
     folder: PathBuf,
     clip_sha256: String,

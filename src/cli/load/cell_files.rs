@@ -130,7 +130,7 @@ impl CellFiles {
     /// Opens the store for reading.
     ///
     /// # Errors
-    /// If there is none, or it is damaged or not ours.
+    /// If there is none, or it is damaged or not a store of this program.
     pub fn store(&self) -> Result<Store, Fault> {
         Store::open(&self.store).map_err(Fault::stage)
     }
@@ -138,13 +138,14 @@ impl CellFiles {
     /// Opens the store for writing, and makes it if there is none.
     ///
     /// # Errors
-    /// If its folder cannot be made, another process writes to it, or its database is damaged or not ours.
+    /// If its folder cannot be made, another process writes to it, or its database is damaged or not one of this
+    /// program.
     pub fn store_for_writing(&self) -> Result<Store, Fault> {
         Store::create(&self.store).map_err(Fault::stage)
     }
 
-    /// Opens the store for writing, settles what an earlier program left, and refuses while something is open that
-    /// a person must look at.
+    /// Opens the store for writing, concludes what an earlier program left unfinished, and refuses while something is
+    /// open that a person must check.
     ///
     /// # Errors
     /// As [`CellFiles::store_for_writing`], and if a motion is open or the last cycle was aborted.
@@ -163,7 +164,7 @@ impl CellFiles {
         Ok(store)
     }
 
-    /// The service's socket: at the place that the cell's file states, else in the store.
+    /// The service's socket: the one that the cell's file names, else one in the store.
     pub fn socket(&self) -> PathBuf {
         self.cell.socket().map_or_else(|| self.store.join("panelprep.sock"), Path::to_owned)
     }
@@ -280,8 +281,8 @@ impl CellFiles {
         self.mount::<ToolMount>(self.cell.calibration().flange_from_tool.as_ref())
     }
 
-    /// The calibrated poses of what is mounted on the flange. A calibration that was not made yet is left out; an
-    /// existing file must be right.
+    /// The calibrated poses of the devices that are mounted on the flange. A calibration that was not made yet is left
+    /// out; an existing file must be right.
     ///
     /// # Errors
     /// As [`CellFiles::scanner`].

@@ -36,7 +36,7 @@ pub fn picture(file: &Path, camera: &PinholeCamera) -> Result<ColorPicture, Faul
     files::read_color_of(&disk::read(file)?, camera).map_err(|error| Fault::file(file, error))
 }
 
-/// Reads the pose of the panel; without a file, it is at its nominal place.
+/// Reads the pose of the panel; without a file, this is its nominal pose.
 ///
 /// # Errors
 /// If the file holds no pose, or a rejected one.

@@ -21,10 +21,10 @@ pub struct Taught {
     pub version: String,
 }
 
-/// Loads the teaching of the recipe's panel.
+/// Loads the taught data of the recipe's panel.
 ///
 /// # Errors
-/// If it was not taught, its files are damaged, or the recipe's `[region]` differs from the taught one.
+/// If the panel was not taught, its files are damaged, or the recipe's `[region]` differs from the taught one.
 pub fn taught(files: &CellFiles, recipe_file: &Path, recipe: &Recipe) -> Result<Taught, Fault> {
     let kept = files.store()?.taught(recipe.panel(), None).map_err(Fault::stage)?;
     let taught_recipe = Recipe::check("the taught recipe", &kept.teaching.recipe_text)?;
@@ -48,7 +48,8 @@ fn scan_errors_of_teaching(then: &Intrinsics, now: &Intrinsics) -> ScanErrors {
     ScanErrors::from_measured(then.errors.as_ref().or_else(|| now.errors.as_ref().filter(|_| is_same)))
 }
 
-/// Reads a teaching and learns panel and corners from it; `name` gives the name of a corner picture in messages.
+/// Reads the stored data of a teaching and derives panel and corners from them; `name` gives the name of a corner
+/// picture in messages.
 ///
 /// # Errors
 /// If the scan shows no panel under the region, or pictures show no corner: all of these are named.

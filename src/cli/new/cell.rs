@@ -1,8 +1,8 @@
 //! `panelprep new cell`: the samples' tables for the connected devices, with the answers.
 //!
-//! For a real cell, only its own people know the poses, the box, the inputs and outputs. What was not answered
-//! comes from the sample and is marked as such in the file and in the result. What a file does not need (the arm's
-//! surroundings, the cameras' places by tape, a stated error of the tool) is left as a comment.
+//! For a real cell, only its own people know the poses, the box, the inputs and outputs. What was not answered comes
+//! from the sample and is marked as such in the file and in the result. What a file does not need (the arm's
+//! surroundings, the cameras' poses measured by tape, a stated error of the tool) is left as a comment.
 
 use super::super::args::{Common, FlangeCameraKind, NewCell, RobotKindName, ScannerKind};
 use super::super::disk;
@@ -23,7 +23,7 @@ use toml_edit::Array;
 
 const SIMULATED: &str = include_str!("../../../config/cell.toml");
 const REAL: &str = include_str!("../../../config/cell-example.toml");
-/// The places in which the service of an installed package keeps its store and its socket.
+/// The paths at which the service of an installed package has its store and its socket.
 const SERVICE_STORE: &str = "/var/lib/panelprep";
 const SERVICE_SOCKET: &str = "/run/panelprep/panelprep.sock";
 /// Tables of a real cell with numbers of its own.
@@ -116,7 +116,8 @@ pub(super) fn run(args: &NewCell, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// Refuses options of one kind if another was chosen: a value that is not used would seem to be in the file.
+/// Refuses options of one kind if another kind was chosen: a person would believe that the unused value was written to
+/// the file.
 fn none_of(others: &'static str, chosen: &str, given: &[(&'static str, &Option<String>)]) -> Result<(), Fault> {
     let of_another = given.iter().find_map(|(option, value)| Some((*option, value.as_ref()?)));
     of_another.map_or(Ok(()), |(option, found)| {
@@ -372,7 +373,7 @@ fn to_check(text: &str) -> String {
     format!("{TO_CHECK}\n{lines}")
 }
 
-/// Written before each of those tables.
+/// The comment that is written before each table with numbers to check.
 const TO_CHECK: &str = "# TO CHECK before anything moves: numbers in this table that you did not state are from the sample, not \
      from your cell.";
 

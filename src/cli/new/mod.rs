@@ -1,9 +1,9 @@
-//! `panelprep new cell` and `new recipe`: a commented file to begin with.
+//! `panelprep new cell` and `new recipe`: a commented file to start from.
 //!
-//! The text is that of the samples in `config/`, with its comments; answers are set in it. The written file has
-//! passed the checks of `panelprep check`, and no file is overwritten.
+//! The text is that of the samples in `config/`, with its comments; answers are set in it. The written file has passed
+//! the checks of `panelprep check`, and no file is overwritten.
 //!
-//! - `ask`: questions and answers · `connected`: what answers at the cell · `cell` · `recipe`
+//! - `questions`: questions and answers · `connected`: what answers at the cell · `cell` · `recipe`
 
 mod cell;
 mod connected;

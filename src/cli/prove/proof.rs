@@ -30,6 +30,6 @@ pub(super) struct Proof {
     pub(super) assumption: Assumption,
     pub(super) finding: Finding,
     pub(super) evidence: String,
-    /// Tested by this program; else reported by the person.
+    /// Whether this program tested the assumption; otherwise the person reported the result.
     pub(super) tried: bool,
 }

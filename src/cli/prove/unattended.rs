@@ -49,7 +49,7 @@ struct Client {
 }
 
 impl Client {
-    /// Tries until the controller reports a state; `None` if it does not report one in time.
+    /// Connects again and again until the controller reports a state; `None` if it does not report one in time.
     fn patient(cell: &Cell) -> Option<(Client, String)> {
         let begun = Instant::now();
         while begun.elapsed() < RECONNECT_TIMEOUT {

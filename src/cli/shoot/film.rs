@@ -15,7 +15,8 @@ use std::sync::mpsc::{Receiver, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 
-/// Pictures that wait to be written; if the disk is slower for longer, the camera drops some, and they are counted.
+/// Maximum number of pictures that wait to be written. If the disk is too slow for a longer time, the camera drops
+/// pictures, which are counted.
 const WAITING: usize = 64;
 const WRITERS: usize = 2;
 /// Step by which a simulated cell's time advances while the next picture is awaited, ms.
@@ -50,7 +51,8 @@ pub fn capture(
     let taken = thread::scope(|scope| {
         let writer = |to_write: Arc<_>| scope.spawn(move || write(args, &to_write));
         let writers: Vec<_> = (0..WRITERS).map(|_| writer(to_write.clone())).collect();
-        // If writing to the disk fails, the writers are the last owners of the channel, and nothing waits for them.
+        // Only the writers own the receiving end of the channel: if they end because writing to the disk fails,
+        // sending a picture fails and does not wait.
         drop(to_write);
         let taken = record(args, &mut opened, |entry, picture| pictures.send((entry, picture)).is_ok());
         drop(pictures);
@@ -85,7 +87,7 @@ fn check_phases(seconds: f64, spray_from_s: Option<f64>, wet_from_s: Option<f64>
     }
 }
 
-/// Takes pictures until the time is over; `keep` returns false if nothing writes any more.
+/// Takes pictures until the time is over; `keep` returns false if the writers have ended.
 fn record(
     args: &Shoot,
     opened: &mut Opened<Box<dyn Scanner>>,

@@ -1,8 +1,8 @@
-//! Opens one camera of the cell alone: with the size in its calibration or, without one, with its own size. If the
-//! service has the camera, it is borrowed.
+//! Opens only one camera of the cell: with the size in its calibration or, without one, with its own size. If the
+//! service uses the camera, it is borrowed from the service.
 //!
-//! A driver checks every picture against one size. A camera without a calibration is first opened for
-//! [`UNKNOWN_PX`]; it refuses and reports its real size, and is then opened for that size.
+//! A driver checks every picture against one size. A camera without a calibration is first opened for [`UNKNOWN_PX`];
+//! it refuses and reports its real size, and is then opened for that size.
 
 use super::super::args::{Shot, Simulation};
 use super::super::fault::{CalibrationFault, DeviceFault, Fault};

@@ -44,8 +44,7 @@ pub fn ready(args: &Teach, cell: &CellFiles, drawn: Option<&OrganizedCloud<Camer
     Ok(ready)
 }
 
-/// The simulated cell, if it is used and its cameras are free: a simulated person puts the panel at its nominal
-/// place.
+/// The simulated cell, if it is used and its cameras are free: a simulated person puts the panel at its nominal pose.
 fn simulated(args: &Teach, cell: &CellFiles) -> Result<Option<sim::Cell>, Fault> {
     let is_simulated =
         [cell.cell.scanner().is_simulated(), cell.cell.flange_camera().is_simulated()].contains(&true);

@@ -1,4 +1,4 @@
-//! The true cell. It does not know the table's facts: it relies on its own outputs and its own arm.
+//! The true cell. It does not know the table's facts: it uses only its own outputs and its own arm.
 
 use super::super::rules::Rules;
 use super::super::step::step_with;
@@ -16,7 +16,7 @@ pub struct Moving {
     pub done: u32,
 }
 
-/// The truth, and the table's state.
+/// The true state of the cell, and the table's state.
 pub struct Cell {
     pub rules: Rules,
     pub state: State,
@@ -27,7 +27,7 @@ pub struct Cell {
     pub moving: Option<Moving>,
     pub epoch: u32,
     pub epoch_open: bool,
-    /// An epoch was requested and may yet open.
+    /// An epoch was requested and may still open.
     pub opening: bool,
     pub frames: Option<Frames>,
     pub tool_on: bool,
@@ -48,11 +48,11 @@ pub struct Cell {
     pub dry_picture: bool,
     /// Whether the panel was touched since its dry picture was taken.
     pub sanded: bool,
-    /// Whether the place was verified since the last plan, film or hold.
+    /// Whether the panel's pose was verified since the last plan, film or hold.
     pub verified: bool,
     /// Whether a person may have touched the panel since it was last measured.
     pub disturbed: bool,
-    /// The panel was found in this cycle, or a person accepted its place as found.
+    /// The panel was found in this cycle, or a person accepted the pose that was found.
     pub located: bool,
     pub token: bool,
     /// Whether a result was rejected or invalid.
@@ -146,7 +146,7 @@ impl Cell {
         Ok(())
     }
 
-    /// The truth of an event, before the table receives it.
+    /// Applies an event to the true cell, before the table receives it.
     fn happen(&mut self, event: Event) {
         let Event::Reported(report) = event else { return };
         match report {
@@ -170,7 +170,7 @@ impl Cell {
                 self.robot = robot;
                 if robot != Robot::Ready {
                     self.condition_due = false;
-                    // The person who stopped it may jog the arm and press every button.
+                    // The person who stopped the robot may jog the arm and press every button.
                     (self.arm, self.token, self.verified, self.disturbed) = (None, false, false, true);
                     (self.light_on, self.light_settled) = (!self.light_on, false);
                     self.lens_clear = !self.lens_clear;
@@ -288,7 +288,7 @@ impl Cell {
         self.sanded |= is_contact;
     }
 
-    /// The effect of an epoch's end on the outputs; some outputs go off after an unknown time.
+    /// Applies the effect of an epoch's end to the outputs; some outputs go off after an unknown time.
     fn switched_off(&mut self) {
         (self.tool_on, self.tool_proven, self.extraction_proven, self.light_settled) = (false, false, false, false);
         if std::mem::take(&mut self.water_on) {
@@ -303,7 +303,7 @@ impl Cell {
                 if before.at == At::Idle && at != At::Idle =>
             {
                 (self.air, self.flown) = (matches!(request, Request::AirRun { .. }), false);
-                // A new dry panel at an unknown place.
+                // A new dry panel at an unknown pose.
                 (self.wet, self.dry_picture, self.verified, self.disturbed) = (false, false, false, true);
                 (self.doomed, self.reviewed, self.film, self.passes, self.sanded) = (false, false, None, 0, false);
                 (self.ungraded, self.contact_reviewed) = (false, false);
@@ -322,7 +322,7 @@ impl Cell {
         }
     }
 
-    /// The pump: sends what the window allows for a move with an open epoch.
+    /// Sends the waypoints that the window allows, for a move in an open epoch.
     pub fn pump(&mut self) -> Result<(), String> {
         let ending = self.ending;
         let (epoch, open) = (self.epoch, self.epoch_open);

@@ -10,7 +10,7 @@ fn one_of<T: Copy>(random: &mut Pcg64, all: &[T]) -> T {
 }
 
 impl Cell {
-    /// The next event if nothing goes wrong; `None` would be a dead end.
+    /// Returns the next event if nothing goes wrong; `None` would be a dead end.
     pub fn healthy(&mut self, random: &mut Pcg64) -> Option<Event> {
         if self.condition_due {
             return Some(Event::Reported(Report::Robot(Robot::GuardOpen)));
@@ -32,7 +32,7 @@ impl Cell {
         }
     }
 
-    /// The next event if a person clears, resets and starts, and nothing goes wrong any more.
+    /// Returns the next event if a person clears, resets and starts, and nothing goes wrong any more.
     pub fn recovering(&mut self, random: &mut Pcg64) -> Option<Event> {
         if self.robot != Robot::Ready && !self.condition_due {
             return Some(Event::Reported(Report::Robot(Robot::Ready)));

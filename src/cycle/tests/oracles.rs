@@ -1,4 +1,4 @@
-//! Checks for forbidden situations: of effects when they are performed, and of states when they are entered.
+//! Checks effects when they are performed, and states when they are entered, for forbidden situations.
 
 use super::super::*;
 use super::cell::{Cell, Moving, WINDOW};
@@ -169,7 +169,7 @@ impl Cell {
         self.pump()
     }
 
-    /// An output changes when it is commanded, except that off counts as off only when it is proven.
+    /// Applies a switch: an output changes when it is commanded, except that off counts as off only when it is proven.
     fn switch(&mut self, switch: Switch) -> Result<(), String> {
         never(!self.epoch_open, "an output outside an epoch")?;
         let wets_or_rubs = matches!(switch, Switch::Rinse | Switch::Spray | Switch::ToolOn);

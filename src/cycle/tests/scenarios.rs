@@ -62,7 +62,7 @@ fn a_clean_panel_passes_without_contact() {
     assert!(!acts.contains("toolon") && !acts.contains("to-approach") && !acts.contains("plan"), "{acts}");
 }
 
-/// The way of a cycle to the panel, without water, tool and contact.
+/// The path of a cycle to the panel, without water, tool and contact.
 #[test]
 fn an_air_run_flies_the_path_and_passes() {
     let mut story = Story::idle(&[]);

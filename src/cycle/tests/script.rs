@@ -1,4 +1,4 @@
-//! The functions with which the stories are written.
+//! Functions for writing the test scenarios.
 
 use super::super::rules::Rules;
 use super::super::*;
@@ -72,7 +72,7 @@ impl Story {
 
     pub fn report(&mut self, report: Report) {
         self.event(Event::Reported(report));
-        // The first state also reports this.
+        // The robot's first state also reports the override.
         if report == Report::Robot(Robot::Ready) && self.cell.full_override.is_none() {
             self.event(Event::Reported(Report::FullOverride(true)));
         }

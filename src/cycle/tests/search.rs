@@ -1,11 +1,12 @@
-//! Searches every state that the table can reach with small bounds, and a way to rest from each state.
+//! Searches every state that the table can reach with small bounds, and from each state a sequence of events that
+//! leads to rest.
 
 use super::super::*;
 use super::healthy::{REQUESTS, answers};
 use std::collections::{HashMap, HashSet, VecDeque};
 
-/// The state without the parts that the table only carries: it compares ids and counts them up, it does not
-/// distinguish causes, and it uses nothing from a cycle that is over.
+/// Returns the state without the parts that do not influence the table's decisions: ids are only compared and counted
+/// up, causes are not distinguished, and nothing from a cycle that is over is used.
 fn canonical(mut state: State) -> State {
     if !state.job.running {
         state.job = State::NEW.job;

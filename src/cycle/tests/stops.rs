@@ -1,4 +1,4 @@
-//! Stories of a person who holds, stops, aborts and clears, and of how the cell continues after that.
+//! Scenarios of a person who holds, stops, aborts and clears, and of how the cell continues after that.
 
 use super::super::*;
 use super::healthy::REQUESTS;
@@ -73,8 +73,8 @@ fn an_emergency_stop_outranks_what_it_brought_about() {
     assert_eq!(first, Cause::Robot(EmergencyStop));
 }
 
-/// The end of the epoch switches the tool off before the robot reports standstill: until then no fact is held that
-/// a feedback could contradict.
+/// The end of the epoch switches the tool off before the robot reports standstill: until then no output counts as
+/// proven that a feedback could contradict.
 #[test]
 fn an_epoch_that_is_ended_leaves_no_output_to_contradict() {
     for (request, station) in
@@ -135,7 +135,7 @@ fn a_path_that_was_cut_short_and_is_rejected_is_not_planned_again() {
     }
 }
 
-/// A hold on the way off the panel, and one while it is graded: the grade is still requested.
+/// A hold during the retract from the panel, and a hold during the grading: the grade is still requested.
 #[test]
 fn a_hold_after_contact_does_not_lose_the_grade() {
     for station in ["to-retract", "assess"] {

@@ -1,4 +1,4 @@
-//! Thousands of seeded walks: nine steps in ten are the next event of a healthy cell.
+//! Thousands of seeded random walks: nine of ten steps are the next event of a healthy cell.
 
 use super::super::rules::{Rule, Rules};
 use super::super::*;
@@ -57,7 +57,7 @@ fn note(coverage: &mut Coverage, cell: &Cell, before: State) {
     }
 }
 
-/// Number of events within which a cycle has begun after the last fault.
+/// Maximum number of events from the last fault to the begin of a cycle.
 const RECOVERY: usize = 120;
 
 /// Checks that clear, reset and start succeed after the last fault, whatever happened before.

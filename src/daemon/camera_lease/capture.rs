@@ -27,7 +27,7 @@ pub(in crate::daemon) struct TakenPicture {
 }
 
 impl CameraLease<'_> {
-    /// Takes one, if the cell is still at rest.
+    /// Takes a picture, if the cell is still at rest.
     pub(super) fn capture(&self, eye: Eye) -> Result<TakenPicture, Reason> {
         let cameras = &mut self.cameras()?.cameras;
         let failed = |error: CameraError| Reason::new("camera", error.to_string());

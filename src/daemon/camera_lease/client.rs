@@ -17,7 +17,8 @@ use std::os::unix::net::UnixStream;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// Before this time is over, the service reports a camera that has stopped delivering.
+/// Maximum time to wait for a response. Within this time the service itself reports a camera that has stopped
+/// delivering.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(120);
 /// Largest header, and largest shot (100 million points), in bytes.
 const MAX_HEAD_BYTES: u64 = 64 * 1_024;
@@ -176,7 +177,7 @@ impl Scanner for RemoteScanner {
         loop {
             match head(&mut film)? {
                 Sent::Ended { dropped } => return Ok(dropped),
-                // The picture was already on its way.
+                // The picture was already being sent.
                 Sent::Picture { width_px, height_px, .. } => drop(colors(&mut film, width_px, height_px)?),
                 sent => return Err(unexpected(&sent)),
             }

@@ -18,9 +18,9 @@ pub(super) enum Sent {
     },
     /// A picture: after the header, red, green and blue of each pixel follow, row by row.
     Picture { width_px: usize, height_px: usize, time_s: f64, conditions: Conditions },
-    /// A film begins; the time is on the clock of its pictures.
+    /// A film begins; the time is on the same clock as the times of its pictures.
     Began { time_s: f64 },
-    /// It has ended; this many of its pictures were dropped.
+    /// The film has ended; this number of its pictures was dropped.
     Ended { dropped: u64 },
     /// There is no shot, or no further picture of the film.
     Failed { reasons: Vec<Reason> },

@@ -5,7 +5,7 @@ use crate::geometry::Joints;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Largest age of the robot's last state at which the axes are still taken to be there.
+/// Largest age of the robot's last state at which its axis positions still count as the present ones.
 const MAX_STATE_AGE: Duration = Duration::from_millis(500);
 
 /// The robot's last state, and when it arrived. All clones share the same state.

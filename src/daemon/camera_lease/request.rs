@@ -14,13 +14,13 @@ pub enum ShotRequest {
     Corner,
     /// Pictures of the 3D camera, one after the other.
     Film {
-        /// At most this many a second, and at most 100.
+        /// Maximum number of pictures per second; 100 at most.
         pictures_per_second: f64,
     },
 }
 
 impl ShotRequest {
-    /// Returns the request as text.
+    /// Returns the request in words for a message.
     pub fn word(self) -> &'static str {
         match self {
             ShotRequest::Scan => "a scan",

@@ -12,14 +12,14 @@ use std::io::{ErrorKind, Read, Write};
 use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
-/// Time limit for a client to accept the data that it is sent.
+/// Time limit for a client to accept the data that is sent to it.
 const CLIENT_TIMEOUT: Duration = Duration::from_secs(10);
-/// Before each picture, the service waits this long for the client to end the film.
+/// Time for which the service waits before each picture for the client to end the film.
 const END_POLL_TIMEOUT: Duration = Duration::from_millis(2);
 /// No camera takes more pictures a second than this.
 const MAX_PICTURES_PER_SECOND: f64 = 100.0;
 
-/// Why a connection ends before its end.
+/// Why a connection ends before its normal end.
 enum Broken {
     /// The reason is reported to the client.
     Refused(Vec<Reason>),
@@ -95,8 +95,8 @@ fn film(stream: &mut UnixStream, pictures_per_second: f64, lent: &CameraLease<'_
         time_s
     };
     let sent = pictures(stream, time_s, lent);
-    // However the film ended, the clip must be ended, unless the loop has ended it: the next shot needs the camera
-    // as it was before.
+    // However the film ended, the camera's clip must be ended, unless the loop has already ended it: the next shot
+    // needs the camera in its previous state.
     let dropped = {
         let mut inside = lent.lock();
         std::mem::take(&mut inside.films).then(|| inside.cameras.scanner.end_clip())

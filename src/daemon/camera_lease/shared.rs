@@ -52,8 +52,8 @@ impl SharedCameras {
         self.0.rests.store(state.at.rests() && !state.job.running, Ordering::Relaxed);
     }
 
-    /// Something begins that may need the cameras: they are no longer lent until the cell's state is reported
-    /// again.
+    /// Reserves the cameras for an operation that may need them: they are not lent any more until the cell's state is
+    /// reported again.
     pub(in crate::daemon) fn are_needed(&self) {
         self.0.rests.store(false, Ordering::Relaxed);
     }
@@ -75,7 +75,8 @@ impl SharedCameras {
         act(&mut inside.cameras)
     }
 
-    /// Lends the cameras or returns why not. Condition for a connection that has just sent the last byte of a shot.
+    /// Lends the cameras, or returns the reason if this is not possible. It waits for a short time, since a connection
+    /// that has just sent the last byte of a shot may not have returned the cameras yet.
     pub(super) fn lend(&self) -> Result<CameraLease<'_>, Reason> {
         let since = Instant::now();
         while self.0.is_lent.swap(true, Ordering::Acquire) {
@@ -121,7 +122,7 @@ impl CameraLease<'_> {
     /// Returns the cameras for one shot, or for one picture of a film, if the cell is still at rest.
     pub(super) fn cameras(&self) -> Result<MutexGuard<'_, Inside>, Reason> {
         let inside = self.0.lock();
-        // Checked once they are locked: a later lock by the loop finds the shot ended.
+        // Checked after the cameras are locked: if the loop locks them later, this shot has ended by then.
         if self.0.0.rests.load(Ordering::Relaxed) {
             return Ok(inside);
         }

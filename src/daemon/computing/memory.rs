@@ -1,9 +1,9 @@
-//! Results of earlier work, for simulations of many cycles: the stages are pure, so equal inputs give equal
+//! Results of earlier work, for simulations of many cycles: the stages are pure functions, so equal inputs give equal
 //! results.
 //!
-//! The content of a camera picture cannot be known before the camera is asked, which needs time. So a simulation of
-//! the cameras names the content: a number for each scene that can be seen. The other inputs of a piece of work are
-//! compared by content, except inputs that follow from others. Films are remembered by their pictures (see
+//! The content of a camera picture is known only after the camera has taken it, which needs time. So a simulation of
+//! the cameras identifies the content by a number for each scene that can be seen. The other inputs of a piece of work
+//! are compared by content, except inputs that follow from others. Films are remembered by their pictures (see
 //! `films`).
 
 use super::work::{Work, Worked};
@@ -62,12 +62,12 @@ impl Memory {
         self.films.clone()
     }
 
-    /// Returns the remembered result of such work, adapted to this piece of work.
+    /// Returns the remembered result for these inputs, adapted to this piece of work.
     pub(super) fn recall(&self, inputs: &str, work: &Work) -> Option<Worked> {
         let results = self.results.lock().unwrap_or_else(PoisonError::into_inner);
         let worked = results.get(inputs)?;
         let artifacts = worked.artifacts.clone().map(|(mut perception, abrasion)| {
-            // The data that films left is not a result of this work.
+            // The data from earlier films is not a result of this work.
             perception.keep_films_of(&work.perception, work.act == Action::Locate);
             (perception, after(work.act, &work.abrasion, abrasion))
         });
@@ -92,8 +92,8 @@ impl Memory {
     }
 }
 
-/// Returns the abrasion after a remembered act: only planning changes it, except for the surface, which follows
-/// from the taught data.
+/// Returns the abrasion data after a remembered act: only planning changes it. An exception is the surface, which
+/// follows from the taught data.
 fn after(act: Action, before: &Abrasion, then: Abrasion) -> Abrasion {
     match act {
         Action::Plan { .. } => then,

@@ -40,7 +40,7 @@ impl Work {
 pub(in crate::daemon) struct Worked {
     pub id: Id,
     pub found: Result<Found, DaemonError>,
-    /// Both as they are now; `None` if the work was lost.
+    /// The artifacts after the work; `None` if the work was lost.
     pub artifacts: Option<(Perception, Abrasion)>,
     pub notes: Vec<Note>,
     /// Whether this is the result of a step of a film.
@@ -58,11 +58,11 @@ impl Worked {
 pub(in crate::daemon) enum Found {
     /// The act's answer.
     Answer(Answer),
-    /// The film continues; this many seconds of it were seen.
+    /// The film continues; this is the duration of the part seen so far, s.
     Watching { seen_s: f64 },
-    /// What a self-test found wrong.
+    /// The problems that a self-test found.
     Wrong(Vec<(Trouble, Reason)>),
 }
 
-/// Checks the calibrations; returns what cannot be read, in words.
+/// Checks the calibrations; returns a message for each one that cannot be read.
 pub type Readable = Box<dyn FnMut() -> Vec<Reason> + Send>;

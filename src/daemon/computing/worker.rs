@@ -16,8 +16,8 @@ use crate::record::{KeptFile, Picture};
 use crate::verdict::Reason;
 use std::sync::Arc;
 
-/// Notes instead of a record. The worker packs and writes pictures at once on its own thread: on the loop this
-/// would exceed the loop's deadlines and its watchdog time.
+/// A list of notes instead of a record. The worker compresses and writes pictures at once on its own thread: on the
+/// loop's thread this would exceed the loop's deadlines and its watchdog time.
 struct Notes<'k> {
     notes: Vec<Note>,
     keep: Option<&'k mut Keeper>,
@@ -85,7 +85,7 @@ pub(super) struct Worker<'p> {
 }
 
 impl<'p> Worker<'p> {
-    /// Stores pictures at once if there is a keeper; otherwise leaves them to the record.
+    /// Creates the worker. It stores pictures at once if there is a keeper; otherwise the record stores them.
     pub fn new(cameras: Box<dyn CameraPort + Send + 'p>, readable: Readable, keep: Option<Keeper>) -> Self {
         Worker { cameras, readable, keep, filming: None, films: None, view: LiveView::default() }
     }
@@ -152,13 +152,13 @@ impl<'p> Worker<'p> {
         Ok(Found::Answer(answer))
     }
 
-    /// Begins the film, or watches it for one more picture.
+    /// Begins the film, or evaluates its next picture.
     fn film(&mut self, work: &mut Work, cycle: &CycleSetup, notes: &mut Notes<'_>) -> Result<Found, DaemonError> {
         let cameras: &mut dyn CameraPort = &mut *self.cameras;
         let watched = match (work.is_next_picture, self.filming.take()) {
             (true, Some(filming)) => work.perception.watch(cycle, filming, work.pass, cameras, notes)?,
             (true, None) => Err(MISSING),
-            // It only watches: it produces nothing new.
+            // The act only watches the film: it produces nothing new.
             (false, _) => {
                 let eyes = (cameras, self.films.as_ref());
                 let sanded = work.abrasion.sanded();
@@ -196,7 +196,7 @@ fn live(filming: &Filming, setup: &Arc<CycleSetup>) -> Option<LiveFrame> {
 }
 
 impl Work {
-    /// Checks, if the corner confirms the panel's place, whether the arm reaches the panel before it is wetted.
+    /// If the corner confirms the panel's pose, checks whether the arm reaches the panel before the panel is wetted.
     fn surveyed(
         &mut self,
         cycle: &CycleSetup,
@@ -211,7 +211,8 @@ impl Work {
         }
     }
 
-    /// Returns the pose of the flange camera, while it is the tool and the base is the robot's own.
+    /// Returns the pose of the flange camera; valid only while the flange camera is the active tool and the base is
+    /// the robot's own.
     fn tip<To: Frame, From: Frame>(&self) -> Option<Rigid<To, From>> {
         self.tip.map(|pose| pose.to_rigid())
     }

@@ -3,8 +3,8 @@ use crate::geometry::Rigid;
 use crate::geometry::{Pixel, Point, Vector};
 use crate::panel::{CornerTeaching, TaughtCorner, panel_from_base_at_teaching};
 
-/// Corners 2 and 1 determine the place of the panel. Before contact, no motion leads to the first corner: the
-/// second corner alone is not enough.
+/// Corners 2 and 1 determine the pose of the panel. Before contact, no motion leads to the first corner: the second
+/// corner alone is not enough.
 #[test]
 fn what_held_the_place_must_be_seen_again() {
     let place = panel_from_base_at_teaching().inverse();

@@ -1,4 +1,4 @@
-//! When a state that contradicts what was proven is reported.
+//! Tests when a state that contradicts a proven fact is reported.
 
 use super::*;
 use crate::cell::Cell;
@@ -65,7 +65,7 @@ fn each_output_and_each_feedback_is_watched() {
     }
 }
 
-/// The text states what was proven, and which of its two witnesses contradicts it.
+/// The text states what was proven, and whether the output or the feedback contradicts it.
 #[test]
 fn the_reason_names_output_and_feedback() {
     let wiring = wiring();

@@ -17,9 +17,10 @@ use axum::response::{IntoResponse, Redirect, Response};
 use maud::html;
 use serde::Deserialize;
 
-/// The content security policy: nothing is fetched from elsewhere, executed from inline text, or framed.
+/// The content security policy: nothing is loaded from other sites, no inline script is executed, and the page cannot
+/// be framed.
 const POLICY: &str = "default-src 'none'; script-src 'self'; connect-src 'self'; style-src 'self'; img-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'";
-/// The header of requests that a page makes without a person.
+/// The header of requests that a page makes automatically, without a person.
 const BY_ITSELF: &str = "x-by-itself";
 /// Paths that need no session.
 const OPEN: [&str; 3] = ["/login", "/page.css", "/fleet.js"];
@@ -34,7 +35,7 @@ pub(super) async fn pass(State(shared): State<Shared>, request: Request<Body>, n
     let mut response = match (is_open, session) {
         (true, _) => next.run(request).await,
         (false, None) => Redirect::to("/login").into_response(),
-        // A session ends with its account, or when the account gets a new password.
+        // A session ends when its account is removed or gets a new password.
         (false, Some(session)) => match shared.reader().account(&session.name).await {
             Ok(Some(account)) if stamp(&account) == session.stamp => next.run(request).await,
             Ok(_) => {

@@ -1,4 +1,4 @@
-//! One cycle as the archive has it: the signed content, every number with its limit, and the pictures.
+//! The page of one cycle, as the archive has it: the signed content, every number with its limit, and the pictures.
 
 use super::frame::{self, time, verdict};
 use super::shared::{Shared, failed};

@@ -8,7 +8,7 @@ use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use maud::{DOCTYPE, Markup, html};
 
-/// The pages: path and word.
+/// The pages: path and title.
 const PAGES: [(&str, &str); 5] = [
     ("/", "Cells"),
     ("/cycles", "Cycles"),
@@ -17,7 +17,7 @@ const PAGES: [(&str, &str); 5] = [
     ("/recipes", "Recipes"),
 ];
 
-/// Returns the whole page; it reloads after this many seconds, if that is set.
+/// Returns the whole page; it reloads after `again_s` seconds, if that is set.
 pub(super) fn page(title: &str, here: &str, again_s: Option<u32>, body: &Markup) -> Response {
     let page = html! {
         (DOCTYPE)

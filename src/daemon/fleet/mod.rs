@@ -1,5 +1,5 @@
-//! The office's page: the present state of all cells, their cycles, numbers over cells, verifications and recipes,
-//! from the archive. It reads and changes nothing: everyone with an account of the office may view it.
+//! The office's page: the present state of all cells, their cycles, statistics across cells, verifications and
+//! recipes, from the archive. It only reads the archive, so everyone with an account of the office may view it.
 //!
 //! `access` controls the log-in, `frame` surrounds every page, and each page is a file.
 
@@ -32,7 +32,7 @@ pub struct FleetAddress {
     pub fingerprint: Option<String>,
 }
 
-/// Serves the page until `ended` comes; the callback receives the address once the page listens.
+/// Serves the page until `ended` is received; the callback receives the address once the page listens.
 ///
 /// # Errors
 /// If the settings name no address, the address is not available, or a certificate cannot be used.

@@ -1,5 +1,5 @@
-//! A number of a panel over all cells, and the verifications of all cells: which cell differs from the others,
-//! which one drifts?
+//! Comparison of one quantity of a panel across all cells, and of the verifications of all cells: which cell differs
+//! from the others, and which one drifts.
 
 use super::cycles::choice;
 use super::frame;
@@ -24,7 +24,7 @@ const MAX_VERIFICATIONS: i64 = 200;
 const LATE: usize = 10;
 const SUBJECTS: [&str; 4] = ["scanner", "flange_camera", "tool", "tool_force"];
 
-/// Which number of which panel is shown.
+/// The quantity and the panel that are shown.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct NumbersQuery {

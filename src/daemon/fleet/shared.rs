@@ -60,8 +60,8 @@ impl Shared {
         self.0.lockout.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Checks a password against an account's hash in its turn, and counts a wrong one; another account, or none,
-    /// needs the same time. Returns `None` if the program is ending.
+    /// Checks a password against an account's hash when it is its turn, and counts a wrong password. For an unknown or
+    /// another account the check takes the same time. Returns `None` if the program is ending.
     pub async fn tried(&self, name: String, password: String, hash: Option<String>) -> Option<Tried> {
         let shared = self.clone();
         let judge = move || {
@@ -87,7 +87,7 @@ impl Shared {
 pub(super) enum Tried {
     Right,
     Wrong,
-    /// It was not checked: log-in to the account is blocked for this many more seconds.
+    /// The password was not checked: log-in to the account is blocked for this many more seconds.
     Pauses(f64),
 }
 

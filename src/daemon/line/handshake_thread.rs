@@ -94,7 +94,7 @@ async fn follow(parts: LineParts) {
     let mut tick = interval(UPDATE_INTERVAL);
     tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let mut told = None;
-    // A signal cannot state which recipe it means: it is the one with which the service was started.
+    // A signal cannot name a recipe, so the recipe with which the service was started is used.
     let recipe = parts.recipe().await;
     loop {
         tick.tick().await;
@@ -180,7 +180,7 @@ impl LineParts {
     }
 }
 
-/// Adds to a problem that the line uses the recipe with which the service was started.
+/// Adds to a problem that the service must be restarted to use the recipe as it is now.
 fn again(problem: &str) -> String {
     format!("{problem}; restart the service when the line is to run by the recipe as it is now")
 }

@@ -150,8 +150,9 @@ fn answer(
     }
 }
 
-/// A start by an edge with the recipe and order of the cell's file, refused and reported; a cycle that is over, its
-/// part removed, and a reset; and a fault once no thread maintains the link.
+/// Tests three sequences: a start by a signal edge with the recipe and order of the cell's file, which is refused and
+/// reported; a completed cycle, whose part is then removed, and a reset; and a fault once no thread maintains the
+/// link.
 #[test]
 fn a_line_leads_the_cell_by_signals() {
     use LineSignal::{CycleDone, Fail, Fault, Pass, Ready};

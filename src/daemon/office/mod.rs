@@ -1,6 +1,6 @@
-//! The cell's records on their way to the office: a thread of its own reads the data that the store has for the
-//! office, sends it to the broker, and asks which data the office has. Nothing in the cell waits for it, and no
-//! answer of the office changes the cell's work: data is sent again, or there is an alarm.
+//! Transfer of the cell's records to the office: a separate thread reads the data that the store has for the office,
+//! sends it to the broker, and asks which data the office has. Nothing in the cell waits for this thread, and no
+//! answer of the office changes the cell's work: data is only sent again, or an alarm is raised.
 //!
 //! `sending` is one round, `status` is the report to people; the progress is stored in the store's folder
 //! (`progress_file`).
@@ -24,7 +24,7 @@ pub struct OfficeSender {
 }
 
 impl OfficeSender {
-    /// Starts it.
+    /// Starts the sender.
     ///
     /// # Errors
     /// If the system provides no thread.

@@ -2,13 +2,13 @@
 
 use std::time::{Duration, Instant};
 
-/// A lacking record is first sent again after the alarm's delay divided by this number, then after twice as long
-/// each time.
+/// A missing record is first sent again after the alarm's delay divided by this number, then after twice as long each
+/// time.
 const FIRST_RETRY_FRACTION: u32 = 6;
 /// The longest time between two repetitions.
 const MAX_RETRY_INTERVAL: Duration = Duration::from_secs(2 * 3_600);
 
-/// The time since when the office has received nothing more of an epoch.
+/// Since when the office has made no progress with an epoch, although it lacks records; `None` if it lacks none.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Lacking(Option<Since>);
 
@@ -20,8 +20,8 @@ struct Since {
 }
 
 impl Lacking {
-    /// Records whether the office lacks something, and up to which number it has all records. Returns whether the
-    /// next record must be sent again.
+    /// Records whether the office lacks records, and up to which number it has all. Returns whether the next record
+    /// must be sent again.
     pub fn is_due(&mut self, (lacks, archived): (bool, u64), behind_min: usize) -> bool {
         self.is_due_at((lacks, archived), behind_min, Instant::now())
     }
@@ -48,8 +48,8 @@ impl Lacking {
 mod tests {
     use super::*;
 
-    /// With an alarm after 60 min: after 10 min, 20 min later, 40 min later; the times begin anew if the office
-    /// made progress.
+    /// With an alarm after 60 min, a record is sent again after 10 min, 20 min later and 40 min later; the times begin
+    /// anew when the office makes progress.
     #[test]
     fn it_is_sent_again_after_longer_and_longer_times() {
         let (mut lacking, begin) = (Lacking::default(), Instant::now());

@@ -18,10 +18,10 @@ use std::time::{Duration, Instant};
 const PROGRESS: &str = "office.json";
 /// Number of records that are read at a time.
 const BATCH_RECORDS: usize = 200;
-/// Largest number of bytes that are on their way at a time.
+/// Largest number of bytes that are being sent at a time.
 const MAX_IN_FLIGHT_BYTES: usize = 32 << 20;
-/// Largest number of files of which the sender remembers that this stream has them: most records name the same
-/// recipe and calibrations.
+/// Largest number of files of which the sender remembers that they are already in this stream: most records name the
+/// same recipe and calibrations.
 const MAX_FILES: usize = 50_000;
 /// Interval at which the office is queried.
 const POLL_INTERVAL: Duration = Duration::from_secs(5);
@@ -155,7 +155,8 @@ impl Sender {
         self.progress.at_stream(&stream);
         let (mut more, mut again) = (Vec::new(), Vec::new());
         for last in last {
-            // An office that never answered has nothing: it may be another one than before.
+            // An office that never answered about an epoch has no records of this epoch: it may be a different office
+            // than before.
             let archived = link.archived(&last.epoch).await.map_err(|error| error.to_string())?.unwrap_or(0);
             match self.progress.on_archived(&last.epoch, archived, last.number) {
                 OfficeSays::Known => {
@@ -215,7 +216,7 @@ impl Sender {
         broken.map_or(Ok(()), Err)
     }
 
-    /// Sends a record after its files; those that are on their way already are not sent again.
+    /// Sends a record after its files; files that are already being sent are not sent again.
     async fn begin(&mut self, mut envelope: Envelope, bytes: &mut usize) -> Result<Vec<Sending>, String> {
         let cell = self.office.cell.clone();
         let mut whole: Vec<(ChunkOwner, Vec<u8>)> = Vec::new();
@@ -232,7 +233,7 @@ impl Sender {
                         self.files.insert(file.hash.clone());
                         whole.push((ChunkOwner::File(file.hash.clone()), content));
                     }
-                    // The office does not wait for a file that is reported as never coming.
+                    // The office does not wait for a file that is reported as lost.
                     Err(error) => {
                         tracing::warn!("the office does not get {}: {error}", file.name);
                         file.gone = Some("damaged in the cell's store".to_owned());
@@ -255,8 +256,8 @@ impl Sender {
         Ok(sending)
     }
 
-    /// Sends once more, with their files, the first records that the office lacks: a broker that accepted them may
-    /// have lost them.
+    /// Sends the first records that the office lacks once more, with their files: a broker that accepted them may have
+    /// lost them.
     async fn send_again(&mut self, epoch: &str) -> Result<(), String> {
         let archived = Position { epoch: epoch.to_owned(), number: self.progress.archived(epoch) };
         tracing::warn!(

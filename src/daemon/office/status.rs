@@ -1,4 +1,4 @@
-//! The status of the way to the office that is shown to people.
+//! The status of the transfer to the office, as shown to people.
 
 use crate::daemon::waiting::Waiting;
 use crate::office::RecipeOffer;
@@ -15,7 +15,8 @@ pub struct OfficeStatus(Arc<Mutex<StatusData>>);
 struct StatusData {
     /// The records that the office does not have yet.
     waiting: Waiting,
-    /// Epochs of which the office reports more than the store ever had: name, its number, the store's.
+    /// Epochs for which the office reports a higher record number than the store ever had: epoch, the office's number,
+    /// the store's number.
     more: Vec<(String, u64, u64)>,
     /// The recipes that the office offers.
     offers: Vec<RecipeOffer>,
@@ -43,7 +44,7 @@ impl OfficeStatus {
         self.change(|stands| stands.offers = offers);
     }
 
-    /// Returns the recipe that the office offers for this panel, as far as the office was asked.
+    /// Returns the recipe that the office offers for this panel, according to the last answers of the office.
     pub fn offer(&self, panel: &str) -> Option<RecipeOffer> {
         self.change(|stands| stands.offers.iter().find(|offer| offer.panel == panel).cloned())
     }

@@ -19,7 +19,7 @@ use std::sync::{Arc, PoisonError, RwLock};
 /// The name of the policy for a log-in without an account, as used by async-opcua.
 const ANONYMOUS_POLICY: &str = "anonymous";
 
-/// The author of a call or a read.
+/// The client who makes a call or a read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Caller {
     /// A caller without an account.
@@ -59,7 +59,7 @@ fn token(account: &Account) -> String {
     format!("{}#{}", account.name, stamp(account))
 }
 
-/// Who may do what on the OPC UA server.
+/// The accounts that may use the OPC UA server, with their permissions.
 pub(super) struct Access {
     people: Arc<People>,
     door: Arc<Door>,
@@ -123,8 +123,8 @@ impl Access {
         self.door.address_of(channel).map_or_else(|| "OPC UA".to_owned(), |address| format!("OPC UA, {address}"))
     }
 
-    /// Returns the possible origins of a log-in. async-opcua does not report the connection: these are all that are
-    /// connected.
+    /// Returns the possible origins of a log-in. async-opcua does not report the connection, so these are all
+    /// addresses that are connected.
     pub fn addresses(&self) -> String {
         from_any(&self.door.addresses())
     }

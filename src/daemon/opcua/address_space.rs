@@ -1,4 +1,4 @@
-//! The cell's nodes as they are built from the tables of `packml`.
+//! Builds the cell's nodes from the tables of `packml`.
 
 use super::values::{data_type, unit};
 use crate::packml::{ArgumentKind, METHODS, Method, NODES, Node};
@@ -28,7 +28,7 @@ pub(super) fn method_of(namespace: u16, id: &NodeId) -> Option<&'static Method> 
     METHODS.iter().find(|method| *id == node_id(namespace, &format!("{COMMANDS}/{}", method.name)))
 }
 
-/// Returns the path of the parent and the own name.
+/// Returns the path of the parent and the node's own name.
 fn split(path: &str) -> (&str, &str) {
     path.rsplit_once('/').unwrap_or(("", path))
 }

@@ -1,4 +1,4 @@
-//! An event of an alarm as OPC UA has it: the fields of AlarmConditionType (Part 9), by their browse paths.
+//! The event of an alarm as defined by OPC UA: the fields of AlarmConditionType (Part 9), by their browse paths.
 
 use super::values::time;
 use crate::history::{Alarm, Priority};
@@ -17,7 +17,7 @@ use std::collections::BTreeMap;
 pub(super) struct AlarmEvent {
     kind: NodeId,
     time: DateTime,
-    /// The node that the event states as that of its condition.
+    /// The node that the event states as its condition.
     condition: NodeId,
     fields: BTreeMap<&'static str, Variant>,
 }
@@ -30,7 +30,7 @@ pub(super) struct AlarmStatus {
 }
 
 impl AlarmStatus {
-    /// Returns whether a client that connects now must be informed of it.
+    /// Returns whether a client that connects now must be informed of the alarm.
     fn is_retained(self) -> bool {
         self.is_active
     }
@@ -46,7 +46,7 @@ fn severity(priority: Priority) -> u16 {
     }
 }
 
-/// Returns the name of an event, by which it is acknowledged: made from the alarm and its status.
+/// Returns the id of an event, made from the alarm and its status; the alarm is acknowledged by this id.
 pub(super) fn event_id(alarm: &Alarm, standing: AlarmStatus) -> ByteString {
     let AlarmStatus { is_active, is_acknowledged } = standing;
     let digest = Sha256::digest(format!("{} {is_active} {is_acknowledged}", alarm_id(alarm)).as_bytes());
@@ -58,7 +58,7 @@ fn text(text: &str) -> Variant {
 }
 
 impl AlarmEvent {
-    /// Creates the event that an alarm has this status.
+    /// Creates the event that reports this status of an alarm.
     pub fn new(
         alarm: &Alarm,
         standing: AlarmStatus,
@@ -100,7 +100,7 @@ impl AlarmEvent {
         AlarmEvent { kind, time: at, condition, fields: BTreeMap::from(fields) }
     }
 
-    /// Returns the event that reports the begin or the end of a refresh.
+    /// Returns the event that reports the beginning or the end of a refresh.
     pub fn refresh(begins: bool, now_unix_ms: i64) -> Self {
         let kind = if begins { ObjectTypeId::RefreshStartEventType } else { ObjectTypeId::RefreshEndEventType };
         let (kind, at) = (NodeId::from(kind), time(now_unix_ms));
@@ -127,7 +127,7 @@ impl Event for AlarmEvent {
         range: &NumericRange,
         path: &[QualifiedName],
     ) -> Variant {
-        // This is how a client requests the condition's node (Part 9, 5.5.2.13).
+        // A client requests the condition's node in this form (Part 9, 5.5.2.13).
         if attribute == AttributeId::NodeId && path.is_empty() && *type_definition == ObjectTypeId::ConditionType {
             return if self.condition.is_null() { Variant::Empty } else { Variant::from(self.condition.clone()) };
         }

@@ -1,5 +1,4 @@
-//! Calls of methods: each call is checked against the one table of methods, and becomes one of the service's own
-//! requests.
+//! Calls of methods: each call is checked against the table of methods, and is converted to a request of the service.
 
 use super::access::{Access, Caller};
 use super::flood::{Flood, Turn};
@@ -19,7 +18,7 @@ use std::time::{Duration, Instant};
 use tokio::sync::Mutex as AsyncMutex;
 use tokio::time::timeout;
 
-/// Time within which a call is answered, whatever the disk does.
+/// Time within which a call is answered, even if the disk does not respond.
 const CALL_TIMEOUT: Duration = Duration::from_secs(20);
 /// Two stops within this time are handled as one, and so are two aborts.
 const MERGE_WINDOW: Duration = Duration::from_millis(100);
@@ -29,7 +28,7 @@ const MAX_CHARACTERS: usize = 200;
 /// The outcome of a call.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Outcome {
-    /// It was done; with a text if the state does not show it.
+    /// The call was done; the text states what the state does not show.
     Done(String),
     /// It was not.
     Refused(StatusCode, Reason),
@@ -167,8 +166,8 @@ impl Calls {
         Outcome::from_reply(self.front.gateway.request(what, who(caller)).await)
     }
 
-    /// A stop or an abort. A caller that requests one while another is under way, or just was, receives the result
-    /// of that one if it was done. If it was not done, it is requested anew.
+    /// Requests a stop or an abort. If the same request was executed within the merge window, its reply is returned.
+    /// If it was not executed, it is requested again.
     async fn urgent(&self, place: usize, request: Request, caller: &Caller) -> Reply {
         let mut last = self.urgent[place].lock().await;
         if let Some((_, reply)) = last.as_ref().filter(|(at, _)| at.elapsed() < MERGE_WINDOW) {
@@ -249,7 +248,7 @@ fn wrong_arguments(method: &Method) -> Outcome {
     refused("bad_request", StatusCode::BadInvalidArgument, message)
 }
 
-/// Returns a text without leading and trailing spaces; `None` if it is too long or no plain text.
+/// Returns a text without leading and trailing spaces; `None` if it is too long or not plain text.
 fn text(value: &Variant) -> Option<String> {
     let Variant::String(text) = value else { return None };
     let text = text.as_ref().trim();

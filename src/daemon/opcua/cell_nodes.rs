@@ -90,7 +90,8 @@ impl InMemoryNodeManagerImpl for CellNodes {
         max_age: f64,
         timestamps: TimestampsToReturn,
     ) -> Vec<DataValue> {
-        // Also recorded when a subscription begins: it ends with its connection once the account is changed.
+        // The channel is also recorded when a subscription begins, so that the connection can be ended after the
+        // account is changed.
         self.access().came_by(&context.token, channel(context));
         let space = space.read();
         nodes.iter().map(|node| space.read(context, node, max_age, timestamps)).collect()

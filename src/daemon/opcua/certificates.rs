@@ -1,5 +1,5 @@
-//! The folder of the certificates: the server's own one and its key, those of the clients that are trusted, and
-//! those that were turned away.
+//! The folder of the certificates: the server's own one and its key, those of trusted clients, and those of rejected
+//! clients.
 //!
 //! ```text
 //! own/cert.der            the server's own, made if it is missing; clients must be configured to trust it
@@ -20,13 +20,14 @@ use std::time::SystemTime;
 pub(super) const OWN: &str = "own/cert.der";
 /// Its key.
 pub(super) const KEY: &str = "private/private.pem";
-/// The folder of the certificates of clients that are let in.
+/// The folder of the certificates of trusted clients.
 pub(super) const TRUSTED: &str = "trusted";
-/// The folder of the certificates of clients that were turned away.
+/// The folder of the certificates of rejected clients.
 pub(super) const REJECTED: &str = "rejected";
-/// Maximum number of rejected certificates that are kept: a client that sends new ones without end must not fill the disk.
+/// Maximum number of rejected certificates that are stored: a client that sends new ones without end must not fill the
+/// disk.
 const MAX_REJECTED: usize = 32;
-/// Ten years: a client has to be configured to trust it only once.
+/// Validity of the server's certificate, ten years: a client has to be configured to trust it only once.
 const DAYS: u32 = 3_650;
 const KEY_BITS: u32 = 2_048;
 
@@ -85,16 +86,16 @@ fn is_key_of(private: &PrivateKey, public: &PublicKey) -> Result<bool, String> {
     Ok(public.verify_sha256(b"probe", &signature).unwrap_or(false))
 }
 
-/// The trusted certificate files that were already checked, each with its time of change.
+/// The trusted certificate files that were already checked, each with its modification time.
 #[derive(Debug, Default)]
 pub(super) struct Trusted {
     known: BTreeSet<(PathBuf, SystemTime)>,
 }
 
 impl Trusted {
-    /// Gives new certificates of clients the names by which they are found. No one types such a name: a file that a
-    /// person placed under another name, or as PEM, gets it. Returns the result for each new file, for the log.
-    /// Runs on the calling thread, which may wait for the disk.
+    /// Renames new client certificates to the names by which they are found. A person need not type such a name: a
+    /// file with any other name, or in PEM format, is renamed or converted. Returns the result for each new file, for
+    /// the log. It runs on the calling thread, which may wait for the disk.
     pub fn name_new_ones(&mut self, folder: &Path) -> Vec<String> {
         let trusted = folder.join(TRUSTED);
         let found = fs::read_dir(&trusted).into_iter().flatten().flatten();
@@ -109,7 +110,7 @@ impl Trusted {
     }
 }
 
-/// Gives a certificate the name by which it is found; returns the result, if there is anything to report.
+/// Renames a certificate to the name by which it is found; returns the result, if there is anything to report.
 fn named(file: &Path, trusted: &Path) -> Option<String> {
     let read = crate::disk::read(file).ok();
     let certificate = read.and_then(|bytes| X509::from_der(&bytes).or_else(|_| X509::from_pem(&bytes)).ok());
@@ -154,7 +155,7 @@ fn make((own, key): (&Path, &Path), application_uri: &str, hosts: &[String]) -> 
     placed.map_err(|error| OpcUaError::file(own, error))
 }
 
-/// The search for new files in the folder of the clients that were turned away.
+/// The search for new files in the folder of rejected clients.
 #[derive(Debug, Default)]
 pub(super) struct Rejected {
     known: BTreeSet<PathBuf>,
@@ -242,7 +243,7 @@ mod tests {
         assert!(error.contains("private.pem: it is the key of another certificate than own/cert.der"), "{error}");
     }
 
-    /// A certificate that a person placed there gets its own name; a file that is no certificate is reported once.
+    /// A certificate with any name is renamed correctly; a file that is not a certificate is reported once.
     #[test]
     fn a_trusted_certificate_may_have_any_name() {
         let folder = tempfile::tempdir().expect("a folder");

@@ -1,10 +1,10 @@
-//! The alarms that last, as conditions: each change is an event, a client that connects requests all of them
-//! (ConditionRefresh), and a person acknowledges one by its event (Acknowledge).
+//! The active alarms as OPC UA conditions: each change is an event, a client that connects requests all of them
+//! (ConditionRefresh), and a person acknowledges an alarm by its event (Acknowledge).
 //!
-//! async-opcua has the types of conditions, and events, but no conditions of its own. So the methods, which belong
-//! to the types in the base namespace, are handled here before its own node manager receives them (`core_nodes`). A
-//! condition has a name and no node. The base namespace therefore states that it has the method Acknowledge;
-//! otherwise async-opcua allows no client to call it.
+//! async-opcua supports the types of conditions and events, but provides no conditions of its own. So the methods,
+//! which belong to the types in the base namespace, are handled here before async-opcua's own node manager receives
+//! them (`core_nodes`). A condition has a name and no node. The base namespace therefore declares that the condition
+//! has the method Acknowledge; otherwise async-opcua allows no client to call it.
 
 use super::address_space::node_id;
 use super::alarm_event::{AlarmEvent, AlarmStatus, event_id};
@@ -18,12 +18,12 @@ use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Shortest time between two repetitions of all alarms, regardless of the client that requests them.
+/// Shortest time between two refreshes of all alarms, for all clients together.
 const MIN_REFRESH_INTERVAL: Duration = Duration::from_millis(500);
 /// The text with which the names of conditions begin.
 const BEGINNING: &str = "Alarm/";
 
-/// The alarms that last, as last reported.
+/// The active alarms, as last reported.
 #[derive(Debug, Default)]
 pub(super) struct Conditions {
     namespace: OnceLock<u16>,
@@ -59,13 +59,13 @@ impl Conditions {
         AlarmEvent::new(alarm, standing(alarm), (&node_id(self.namespace(), ""), condition), now_unix_ms)
     }
 
-    /// Returns the nodes that are stated as those of the conditions.
+    /// Returns the nodes that the events state as their conditions.
     pub fn nodes(&self) -> Vec<NodeId> {
         let name = |id: &String| node_id(self.namespace(), &format!("{BEGINNING}{id}"));
         self.lock().told.keys().map(name).collect()
     }
 
-    /// Updates the alarms that last now; reports the new, the acknowledged and the ended ones.
+    /// Updates the active alarms; reports the new, the acknowledged and the ended ones.
     pub fn follow(&self, alarms: &[Alarm], subscriptions: &SubscriptionCache) {
         let changed = self.changed(alarms, now_unix_ms());
         self.notify(&changed, subscriptions);

@@ -1,10 +1,10 @@
-//! The door in front of the server: it limits the number of connections, in total and per address, and records the
-//! address from which each comes.
+//! The door, a proxy in front of the server: it limits the number of connections, in total and per address, and
+//! records the address from which each connection comes.
 //!
-//! async-opcua accepts every connection, but the file descriptors are those of the whole service. So the door
-//! accepts only a limited number from all addresses and from each, and passes their bytes on to the server, which
-//! listens on the loopback interface alone. In doing so it reads the number of the secure channel from the server's
-//! answer; this number links a session to an address.
+//! async-opcua accepts every connection, but the whole service shares the file descriptors. So the door accepts only a
+//! limited number of connections, in total and from each address, and forwards their bytes to the server, which
+//! listens on the loopback interface only. While forwarding, it reads the number of the secure channel from the
+//! server's answer; this number links a session to an address.
 
 use std::collections::BTreeMap;
 use std::net::{IpAddr, SocketAddr};
@@ -15,12 +15,12 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::Notify;
 use tokio::time::sleep;
 
-/// Largest number of connections at one time, and of one address.
+/// Largest number of connections at one time, in total and from one address.
 const MAX_CONNECTIONS: usize = 48;
 const MAX_CONNECTIONS_PER_ADDRESS: usize = 16;
 /// A peer that accepts no data for this time is gone.
 const DISCONNECT_TIMEOUT: Duration = Duration::from_secs(30);
-/// A peer that has left within this time may be the one to which a report refers.
+/// Time for which the address of a peer that has left is retained: a report may still refer to this peer.
 const DEPARTURE_RETENTION: Duration = Duration::from_secs(5);
 /// The header of a message: type, chunk, size, and the channel if it has one.
 const HEADER_BYTES: usize = 12;
@@ -37,7 +37,7 @@ struct Inside {
     open: BTreeMap<u64, Peer>,
     last: u64,
     turned_away: u64,
-    /// Addresses that left a short time ago, or were turned away.
+    /// Addresses that disconnected a short time ago, or were rejected.
     left: BTreeMap<IpAddr, Instant>,
 }
 
@@ -63,7 +63,7 @@ impl Door {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns a place for this address, if there is one.
+    /// Returns a connection slot for this address, if one is free.
     fn enter(&self, from: IpAddr) -> Option<(u64, Arc<Notify>)> {
         let mut inside = self.lock();
         let of_address = inside.open.values().filter(|peer| peer.from == from).count();
@@ -112,16 +112,16 @@ impl Door {
         inside.open.values().filter(|peer| peer.channel == Some(channel)).for_each(|peer| peer.cut.notify_one());
     }
 
-    /// Returns how many connections were turned away since the last call.
+    /// Returns how many connections were rejected since the last call.
     pub fn turned_away(&self) -> u64 {
         std::mem::take(&mut self.lock().turned_away)
     }
 
-    /// Lets connections in and passes them on to the server behind, until the listener is dropped.
+    /// Accepts connections and forwards them to the server behind, until the listener is dropped.
     pub async fn attend(self: Arc<Self>, listener: TcpListener, server: SocketAddr) {
         loop {
             let Ok((stream, from)) = listener.accept().await else {
-                // For example, no file descriptor is left: the client tries again.
+                // For example, no file descriptor is free: the connection is accepted later.
                 sleep(Duration::from_millis(50)).await;
                 continue;
             };
@@ -171,7 +171,8 @@ impl Door {
     }
 }
 
-/// Reads one message of the server before its channel is known; returns it with the channel, if it opens one.
+/// Reads one message of the server before the channel is known; returns the message, with the channel number if it
+/// opens a channel.
 async fn message(from: &mut (impl AsyncReadExt + Unpin)) -> Option<(Vec<u8>, Option<u32>)> {
     let mut header = [0; HEADER_BYTES];
     from.read_exact(&mut header).await.ok()?;

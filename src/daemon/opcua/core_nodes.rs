@@ -38,7 +38,7 @@ impl CoreNodes {
         CoreNodes { core: CoreNodeManagerBuilder.build(context, space), calls, conditions }
     }
 
-    /// Lets the new conditions be acknowledged, and no longer those that are gone.
+    /// Makes the new conditions acknowledgeable, and removes this from the conditions that have ended.
     pub fn link(space: &mut AddressSpace, were: &[NodeId], are: &[NodeId]) {
         let acknowledge = NodeId::from(MethodId::AcknowledgeableConditionType_Acknowledge);
         for gone in were.iter().filter(|node| !are.contains(node)) {

@@ -1,5 +1,5 @@
-//! The data read from the store and from files, in addition to the state that the loop reports. It is read seldom,
-//! on a thread of its own, so that a slow disk causes old values and no other harm.
+//! The data read from the store and from files, in addition to the state that the loop reports. They are read at
+//! longer intervals, on a separate thread, so that a slow disk only makes these values old.
 
 use super::access::Access;
 use super::certificates::{self, Rejected, Trusted};
@@ -62,8 +62,7 @@ pub(super) struct Reader {
 }
 
 impl Reader {
-    /// Reads everything anew that is old enough; a value that cannot be read stays as it was, and the log states
-    /// why.
+    /// Reads all data that are old enough; a value that cannot be read stays as it was, and the log states why.
     pub fn read(&mut self, cycle: Newest) -> Depth {
         self.front.look();
         let (alarms, people) = (self.front.alarms.clone(), self.access.people().clone());
@@ -71,7 +70,8 @@ impl Reader {
         let read = people.read(|store| {
             let accounts = store.accounts()?;
             of_store(store, cycle.id, &mut now)?;
-            // All cycles are counted, and only if one has ended since.
+            // Counting reads all cycles, so it is done only if the newest cycle has begun or ended since the last
+            // count.
             if self.counted != Some(cycle) {
                 now.counts = counts(&store.verdict_counts()?);
                 self.counted = Some(cycle);
@@ -107,7 +107,7 @@ impl Reader {
         now.recipes = recipe_hashes(&*self.front.setup).unwrap_or_default();
     }
 
-    /// Reports to the audit trail the connections and certificates that were turned away since the last call.
+    /// Writes the connections and certificates that were rejected since the last call to the audit trail.
     fn tell_turned_away(&mut self) {
         for words in self.trusted.name_new_ones(&self.folder) {
             tracing::warn!("OPC UA server: {words}");

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 /// Number of calls that are permitted at once; `CALLS_PER_SECOND` applies after that.
 const BURST_CALLS: f64 = 20.0;
 const CALLS_PER_SECOND: f64 = 5.0;
-/// Largest number of callers that are remembered; those that were silent for longest are forgotten first.
+/// Largest number of remembered callers; those without a call for the longest time are removed first.
 const MAX_CALLERS: usize = 256;
 /// Time after which a flood is reported again.
 const REPORT_INTERVAL_S: f64 = 60.0;
@@ -27,7 +27,7 @@ struct Bucket {
 pub(super) enum Turn {
     /// It is made.
     Taken,
-    /// It exceeds the limit; whether this is to be reported.
+    /// The call exceeds the limit; states whether this is to be reported.
     TooMany {
         /// False if it was reported lately.
         is_told: bool,
@@ -61,8 +61,8 @@ impl Flood {
 mod tests {
     use super::*;
 
-    /// By hand: 20 at once; after 2 s, 10 more; another caller is not affected; the flood is reported once in a
-    /// minute.
+    /// Calculated by hand: 20 calls at once; after 2 s, 10 more; another caller is not affected; the excess is
+    /// reported once in a minute.
     #[test]
     fn calls_beyond_the_measure_are_too_many_and_told_once() {
         let mut flood = Flood::default();

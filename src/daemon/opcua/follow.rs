@@ -25,7 +25,7 @@ const POLL_INTERVAL: Duration = Duration::from_millis(200);
 /// Interval at which the store is read.
 const STORE_POLL_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Reads the store repeatedly, for the follower of the cell.
+/// Reads the store repeatedly and sends the data to the follower of the cell.
 pub(super) async fn read_on(mut reader: Reader, cycle: watch::Receiver<Newest>, tell: watch::Sender<Depth>) {
     loop {
         let of = *cycle.borrow();
@@ -42,7 +42,7 @@ pub(super) async fn read_on(mut reader: Reader, cycle: watch::Receiver<Newest>, 
     }
 }
 
-/// The times since when the unit has been in its state and in its mode.
+/// The times at which the unit entered its state and its mode.
 #[derive(Debug, Default)]
 struct Since {
     state: Option<(UnitState, Instant)>,
@@ -153,7 +153,7 @@ fn snapshot(was: Snapshot, reply: Reply, depth: Depth, since: &mut Since) -> Sna
         ..was
     };
     let Some(state) = reply.extras.table else {
-        // The last known values stay; nothing is possible.
+        // The last known values are retained; no command is possible.
         return Snapshot { answers: false, possible: vec![], ..of_store };
     };
     let (in_state_s, in_mode_s) = since.update(&state);

@@ -1,5 +1,5 @@
-//! The OPC UA server: a front for a line of machines on the service's requests and states. It makes no decisions
-//! for the cell.
+//! The OPC UA server: a front by which a line of machines uses the service's requests and states. It makes no
+//! decisions for the cell.
 //!
 //! ```text
 //! client ─ door (limits, addresses) ─ async-opcua (channels, certificates, sessions) ─ access (accounts, roles)
@@ -9,10 +9,10 @@
 //! the store ─ once a second ─ depth ─────┘
 //! ```
 //!
-//! It runs on a thread and a runtime of its own, separate from the cell's supervision. A panic in code that reads
-//! from the network ends a connection, or this server, which then starts again; it never ends the cell. Whatever
-//! clients do, the loop never waits for them. Names and passwords, roles, pauses and audit trail are those of the
-//! operator's page. Stop and abort need no role.
+//! It runs on a thread and a runtime of its own, separate from the cell's supervision. A panic in code that reads from
+//! the network ends a connection, or this server, which then restarts; it never stops the cell. The loop never waits
+//! for clients. Names and passwords, roles, log-in pauses and audit trail are those of the operator's page. Stop and
+//! abort need no role.
 
 mod access;
 mod address_space;

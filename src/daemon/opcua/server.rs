@@ -1,4 +1,4 @@
-//! The server's thread: it listens, begins the server anew if it fails, and ends it with the service.
+//! The server's thread: it listens, restarts the server if it fails, and ends it with the service.
 
 use super::access::Access;
 use super::calls::Calls;
@@ -51,7 +51,7 @@ pub struct OpcUaServer {
 
 impl OpcUaServer {
     /// Serves the cell; `None` if its file names no address. If an address is not available now, or certificates
-    /// cannot be used, it tries again: the cell does not wait for it.
+    /// cannot be used, it tries again: the cell does not wait for the server.
     ///
     /// # Errors
     /// If the system refuses a thread.
@@ -63,7 +63,8 @@ impl OpcUaServer {
     }
 }
 
-/// Serves until it is ended. If the server cannot be served, or ends without a request, it begins anew.
+/// Serves until it is requested to end. If the server cannot be served, or ends without this request, it is started
+/// again.
 async fn run((parts, address): (&OpcUaParts, SocketAddr), ended: &mut oneshot::Receiver<()>) {
     let alarms = &parts.front.alarms;
     loop {
@@ -150,7 +151,7 @@ async fn serve_once(parts: &OpcUaParts, address: SocketAddr) -> Result<(), Strin
     };
     parts.front.alarms.trouble(NAME, None);
     tracing::info!("{NAME}: opc.tcp://{host}:{}/, SHA-1 of its certificate {thumbprint}", address.port());
-    // When the server ends, all its parts end too.
+    // When one of these parts ends, all the others end too.
     tokio::select! {
         served = server.run_with(behind) => served,
         () = read_on(reader, cycle, tell_depth) => Ok(()),
@@ -160,7 +161,7 @@ async fn serve_once(parts: &OpcUaParts, address: SocketAddr) -> Result<(), Strin
     }
 }
 
-/// The server listens behind the door, and reports the door's port to clients.
+/// Reports the port of the door to clients, since the server itself listens on another port behind the door.
 async fn knows_its_port(handle: &ServerHandle, port: u16) {
     loop {
         handle.info().port.store(port, Ordering::Relaxed);

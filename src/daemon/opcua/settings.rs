@@ -1,4 +1,4 @@
-//! How async-opcua is set up: addresses, security, and limits of everything that a client may send or store.
+//! Settings of async-opcua: addresses, security, and limits of everything that a client may send or store.
 
 use super::certificates::{KEY, OWN};
 use crate::cell::OpcUa;
@@ -31,7 +31,7 @@ fn computer() -> String {
     rustix::system::uname().nodename().to_string_lossy().into_owned()
 }
 
-/// Returns the identity of this program that its certificate states.
+/// Returns the application URI, the identity of this program that its certificate states.
 pub(super) fn application_uri(host: &str) -> String {
     format!("urn:{}:panelprep", host.trim_matches(['[', ']']))
 }

@@ -3,7 +3,7 @@
 use crate::packml::{Kind, Value};
 use opcua::types::{DataTypeId, DataValue, DateTime, EUInformation, LocalizedText, StatusCode, UAString, Variant};
 
-/// 1970 in OPC UA's count of 100 ns since 1601.
+/// Start of 1970 in OPC UA's time, which counts 100 ns since 1601.
 const UNIX_EPOCH_TICKS: i64 = 116_444_736_000_000_000;
 const TICKS_IN_MS: i64 = 10_000;
 
@@ -29,7 +29,8 @@ pub(super) fn variant(value: &Value) -> Variant {
     }
 }
 
-/// Returns the value with its time. If the service's loop does not answer, it is the last known value.
+/// Returns the value with its time. `is_known` is false if the service's loop does not answer: this is then marked as
+/// the last known value.
 pub(super) fn data_value(value: &Value, is_known: bool, at: DateTime) -> DataValue {
     let status = if is_known { StatusCode::Good } else { StatusCode::UncertainLastUsableValue };
     DataValue::new_at_status(variant(value), at, status)

@@ -14,16 +14,16 @@ pub enum CameraCommand {
     Scan,
     /// Takes a picture with the 3D camera's colour sensor.
     Picture,
-    /// Begins a film: such pictures one after the other, at most this many a second. A film that is not ended ends
-    /// by itself.
+    /// Begins a film: pictures of the colour sensor one after the other, at most this many per second. A film that is
+    /// not ended explicitly ends by itself.
     BeginFilm(f64),
-    /// Fetches the film's next picture. Pictures dropped before are a gap in the times.
+    /// Fetches the film's next picture. Pictures that were dropped before it appear as a gap in the times.
     NextOfFilm,
     /// Ends the film.
     EndFilm,
     /// Takes a picture with the flange camera.
     CornerPicture,
-    /// Checks whether the cameras would deliver. It exposes nothing that a cycle needs.
+    /// Checks whether the cameras are able to deliver. The check takes no shot that a cycle needs.
     Check,
 }
 
@@ -34,15 +34,15 @@ pub enum CameraAnswer {
     Scan(OrganizedCloud<Camera>),
     /// Answer to `Picture` and `NextOfFilm`, with the time on the camera's own clock.
     Picture(Picture2d),
-    /// To `NextOfFilm` if no picture is due yet.
+    /// Answer to `NextOfFilm` if no picture is due yet.
     NoneDue,
-    /// Answer to `BeginFilm`: the time on the clock of the pictures, s.
+    /// Answer to `BeginFilm`: the start time on the clock of the pictures, s.
     FilmBegan(f64),
     /// Answer to `EndFilm`: how many pictures were dropped.
     FilmEnded(u64),
     /// To `CornerPicture`.
     Corner(ColorPicture),
-    /// Answer to `Check`: each camera that would not deliver, with the reason.
+    /// Answer to `Check`: each camera that is not able to deliver, with the reason.
     Checked(Vec<CameraFault>),
 }
 
@@ -112,7 +112,7 @@ pub trait CameraPort: Port<CameraCommand> {
         Ok(picture)
     }
 
-    /// Returns which cameras would not deliver, and why.
+    /// Returns the cameras that are not able to deliver, with the reasons.
     fn check(&mut self) -> Vec<CameraFault> {
         match self.perform(CameraCommand::Check) {
             Ok(CameraAnswer::Checked(faults)) => faults,
@@ -124,7 +124,7 @@ pub trait CameraPort: Port<CameraCommand> {
 
 impl<P: Port<CameraCommand> + ?Sized> CameraPort for P {}
 
-/// For use in which no picture is ever taken, such as clearing an abort.
+/// Cameras for use cases in which no picture is ever taken, such as clearing an abort.
 #[derive(Debug)]
 pub struct NoCameras;
 

@@ -25,7 +25,7 @@ pub struct Figure {
     pub picture: ColorPicture,
 }
 
-/// The result of a phase. Pictures and figures that came since the last finding belong to the finding.
+/// A partial result of a phase. Pictures and figures noted since the last finding belong to the next finding.
 #[derive(Debug, Clone)]
 pub enum Note {
     /// The finding of a stage.
@@ -62,16 +62,16 @@ pub enum RecordCommand {
     Event(Event),
     /// Opens a motion.
     OpenIntent(Motion),
-    /// Opens a contact path, of which this many waypoints may be sent.
+    /// Opens a contact path, and permits a number of its waypoints.
     OpenContact {
         /// The motion.
         motion: Motion,
-        /// What the path will touch and wear.
+        /// The grids that the path will touch, and the wear of the disc that it will cause.
         path: ContactPath,
-        /// How many waypoints may be sent at present.
+        /// The number of waypoints that may be sent at present.
         permitted: u32,
     },
-    /// This many waypoints of the contact path under way may be sent.
+    /// Permits this number of waypoints of the contact path in progress.
     Permit(u32),
     /// Closes a motion: the robot is at rest.
     CloseIntent {
@@ -82,14 +82,14 @@ pub enum RecordCommand {
         /// Waypoints executed.
         done: u32,
     },
-    /// The places where the tool was, or may have been, on this panel in earlier cycles, as far as the part is
-    /// still the same.
+    /// Asks where the tool was, or may have been, on this panel in earlier cycles, as far as the part is still the
+    /// same.
     AbradedBefore,
-    /// A request with its answer. A request to the table follows its event.
+    /// Records a request with its answer. A request to the state table is recorded after its event.
     Asked(RequestRecord),
     /// The clock's time: when a cycle begins, and when it is concluded.
     Clock(Clock),
-    /// Records the end of the cycle according to the table, and why the cycle was ended, if it was.
+    /// Records the end of the cycle according to the state table, and the reasons if it was ended early.
     Conclude {
         /// The table's verdict.
         verdict: Verdict,
@@ -102,14 +102,14 @@ pub enum RecordCommand {
     BetweenCycles,
     /// Asks for the area that the disc in use has swept, mm².
     DiscWorn,
-    /// The disc in use swept this much more, mm².
+    /// Adds an area that the disc in use has swept, mm².
     WearDisc(f64),
     /// Records that a new disc was mounted.
     MountDisc,
     /// Checks whether there is room for the record of a cycle; if not, the answer states why.
     Check,
-    /// Whether the disk has filled since the last check: why, and what to delete. From then on pictures are
-    /// dropped; the journal continues until the cell is at rest.
+    /// Asks whether the disk has filled up since the last check; the answer states why, and what to delete. From then
+    /// on pictures are dropped; the journal continues until the cell is at rest.
     Filled,
 }
 
@@ -136,7 +136,7 @@ impl Command for RecordCommand {
     type Answer = Result<RecordAnswer, RecordError>;
 }
 
-/// The store cannot be written. Nothing moves without it.
+/// The store cannot be written. Without the store, no motion is permitted.
 #[derive(Debug, thiserror::Error)]
 #[error("the record cannot be written: {0}")]
 pub struct RecordError(pub Box<dyn std::error::Error + Send + Sync>);
@@ -201,13 +201,13 @@ pub trait RecordPort: Port<RecordCommand> {
 
 impl<P: Port<RecordCommand> + ?Sized> RecordPort for P {}
 
-/// The place in which a phase leaves its findings. Each function returns when the data is kept, and fails if it
-/// cannot be kept.
+/// The interface through which a phase stores its results. Each function returns when the data is stored, and fails if
+/// it cannot be stored.
 pub trait Record {
     /// Keeps it.
     fn note(&mut self, note: Note) -> Result<(), RecordError>;
 
-    /// Shows a scan in which the panel was found to people who watch; the scan is not recorded.
+    /// Shows people who watch a scan in which the panel was found; the scan is not recorded.
     fn scanned(&mut self, _scan: &OrganizedCloud<Camera>, _panel_from_camera: &Rigid<Panel, Camera>) {}
 
     /// See [`Note::Finding`].

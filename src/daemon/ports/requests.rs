@@ -14,8 +14,8 @@ use crate::verdict::{Reason, Verdict};
 pub enum RequestCommand {
     /// Asks for the next request, in this state. The answer comes within milliseconds, in every state of the loop.
     Next(State),
-    /// Asks whether the result of this piece of work may enter the loop, now that it is available. A replay lets it
-    /// in at the recorded point.
+    /// Asks whether the available result of this piece of work may enter the loop now. A replay lets it enter at the
+    /// recorded point.
     LetsIn(Id),
     /// Reports something that needs no answer.
     Publish(LoopEvent),
@@ -24,26 +24,26 @@ pub enum RequestCommand {
 /// The reports of the loop.
 #[derive(Debug)]
 pub enum LoopEvent {
-    /// The table refused this request; a reset may fail later.
+    /// The state table refused this request; an accepted reset may still fail later.
     Refused(cycle::Request, Refusal),
     /// The requested operation cannot begin.
     Unable(Vec<Reason>),
     /// The request is not executed, because another side commands the cell.
     NotPermitted(Vec<Reason>),
-    /// A cycle began; contains what the loop remembers from the time before the cycle.
+    /// A cycle began; the event contains the data that the loop retains from before the cycle.
     Begun(CycleId, Begin),
     /// The cycle has its verdict.
     Concluded(Verdict),
-    /// A film is under way: this many seconds of it were seen.
+    /// A film is in progress; this is the duration of the part seen so far, s.
     Filmed(f64),
     /// The change to a new disc was recorded.
     DiscMounted,
-    /// The last check: the reasons for which something is not as it should be, or no reasons.
+    /// The result of the last check: the problems found; empty if there are none.
     Noted(Vec<Reason>),
 }
 
 impl LoopEvent {
-    /// Returns why a request in this state was not done, if this report states it.
+    /// Returns why a request in this state was refused, if this event states it.
     pub fn why_refused(self, state: &State) -> Option<Reason> {
         match self {
             LoopEvent::Refused(request, refused) => Some(operator_texts::refusal(request, refused, state)),
@@ -56,10 +56,10 @@ impl LoopEvent {
 /// What is answered.
 #[derive(Debug)]
 pub enum RequestAnswer {
-    /// To `Next`: a request, or none. An error reports that a thread of the program failed: the loop stops the
+    /// Answer to `Next`: a request, or none. An error reports that a thread of the program failed: the loop stops the
     /// robot and ends.
     Next(Result<Option<Request>, ThreadFault>),
-    /// To `LetsIn`: the same piece of work, if its result enters now.
+    /// Answer to `LetsIn`: the same piece of work, if its result may enter now.
     LetsIn(Option<Id>),
     /// The answer to `Publish`.
     Done,
@@ -95,7 +95,7 @@ pub trait RequestPort: Port<RequestCommand> {
 
 impl<P: Port<RequestCommand> + ?Sized> RequestPort for P {}
 
-/// The source of requests, for all types that need no more than this.
+/// A source of requests: the simple interface for types that need nothing else.
 pub trait Requester {
     /// Returns the present request, in this state.
     ///

@@ -1,4 +1,4 @@
-//! The robot as the loop sees it: commands in, reports out, and the clock by which its motions run.
+//! The robot as the loop sees it: it receives commands, returns reports, and has the clock by which its motions run.
 
 use super::port::{Command as PortCommand, Port};
 use crate::daemon::camera_lease::LastState;
@@ -38,12 +38,12 @@ pub enum RobotCommand {
 pub enum RobotAnswer {
     /// Answer to `Send` and `Path`: the number of the command, or of the path's last point.
     Queued(Result<CommandId, QueueError>),
-    /// To `OpenEpoch`: the requested epoch.
+    /// Answer to `OpenEpoch`: the requested epoch.
     Epoch(Result<Epoch, QueueError>),
     /// Answer to `Permit` and `Abort`.
     Done(Result<(), QueueError>),
-    /// To `Next`: a report, or none after a while without one. An error reports that the link's thread failed, so
-    /// that no report will ever come.
+    /// Answer to `Next`: a report, or none if none arrived for a while. An error reports that the link's thread
+    /// failed, so that no further report will arrive.
     Report(Result<Option<Report>, ThreadFault>),
     /// To `Now`.
     Time(Time),
@@ -105,7 +105,7 @@ pub trait RobotPort: Port<RobotCommand> {
 
 impl<P: Port<RobotCommand> + ?Sized> RobotPort for P {}
 
-/// A robot at the end of a link.
+/// A robot that is connected by a link.
 pub struct LinkedRobot {
     link: BlockingLink,
     pace: Pace,
@@ -116,7 +116,7 @@ pub struct LinkedRobot {
 }
 
 impl LinkedRobot {
-    /// Creates the port of the robot behind this link, which runs at this pace.
+    /// Creates the port of the robot at the other end of this link, with the time base `pace`.
     pub fn new(link: BlockingLink, pace: Pace) -> Self {
         LinkedRobot {
             link,
@@ -128,13 +128,13 @@ impl LinkedRobot {
         }
     }
 
-    /// Returns the place from which the robot's last state can be read, now and later.
+    /// Returns the handle from which the robot's last state can be read, now and later.
     pub fn last_state(&self) -> LastState {
         self.last.clone()
     }
 
-    /// Returns the robot with a simulated world around it, which follows the reports of the controller. A
-    /// controller that is no mock is reported as lost: nothing simulated may decide how a real arm moves.
+    /// Returns the robot with a simulated world around it, which follows the reports of the controller. If the
+    /// controller is not a mock, it is reported as lost: a simulation must not affect how a real arm moves.
     pub fn followed(self, follower: Follower) -> Self {
         LinkedRobot { follower: Some(follower), ..self }
     }
@@ -144,7 +144,7 @@ impl LinkedRobot {
         self.link.line()
     }
 
-    /// Returns the shortest way to stop the robot. `None` in lock step, in which everything happens in one order.
+    /// Returns the fastest way to stop the robot; `None` in lock step, in which all events have a fixed order.
     pub fn stop_line(&self) -> Option<StopLine> {
         (self.pace == Pace::Wall).then(|| self.link.stop_line())
     }

@@ -20,7 +20,7 @@ pub enum ToolCommand {
 pub enum ToolAnswer {
     /// To `Press`.
     Done,
-    /// To `Report`: a reading or the loss of its link; `None` if there is nothing new.
+    /// Answer to `Report`: a reading or the loss of the tool's link; `None` if there is nothing new.
     Report(Option<ToolReport>),
 }
 
@@ -44,7 +44,7 @@ pub trait ToolPort: Port<ToolCommand> {
 
 impl<P: Port<ToolCommand> + ?Sized> ToolPort for P {}
 
-/// A tool at the end of a link; `None` if the tool is a spring.
+/// A tool that is connected by a link; `None` if the tool is a spring.
 #[derive(Default)]
 pub struct LinkedTool(Option<Box<dyn ConnectedTool>>);
 

@@ -19,7 +19,7 @@ use tokio_rustls::TlsConnector;
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
 /// Time limit for one file and its answer.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(60);
-/// Largest part of an answer that is read, and largest part that is reported.
+/// Maximum number of bytes of an answer that are read, and that are reported.
 const MAX_BYTES: usize = 16 * 1_024;
 const MAX_CHARACTERS: usize = 200;
 
@@ -46,10 +46,11 @@ impl Connection {
         Ok(Connection { to: push.to.clone(), authorization, tls, sender: None })
     }
 
-    /// Puts a file below the folder. If a kept connection turns out to be closed, it is made anew.
+    /// Puts a file below the folder. If an open connection of an earlier request turns out to be closed, a new one is
+    /// opened.
     ///
     /// # Errors
-    /// If the server cannot be reached, or does not accept it.
+    /// If the server cannot be reached, or does not accept the file.
     pub async fn put(&mut self, name: &str, kind: &'static str, bytes: Bytes) -> Result<(), String> {
         let kept = self.sender.take().filter(|sender| !sender.is_closed());
         if let Some(sender) = kept
@@ -76,7 +77,7 @@ impl Connection {
         timeout(CONNECT_TIMEOUT, connecting).await.map_err(late)?
     }
 
-    /// The connection is kept if it may be used again.
+    /// Sends a file and returns the answer. The connection is retained if it can be used again.
     async fn ask(
         &mut self,
         mut sender: SendRequest<Body>,
@@ -122,7 +123,7 @@ async fn begin(stream: impl AsyncRead + AsyncWrite + Send + Unpin + 'static) -> 
     Ok(sender)
 }
 
-/// Returns the status, and the answer's text for people: its first line, or the address to which it redirects us.
+/// Returns the status, and the answer's text for people: its first line, or the address to which the server redirects.
 async fn read_response(response: Response<hyper::body::Incoming>) -> (StatusCode, String) {
     let status = response.status();
     if status.is_redirection() {

@@ -1,9 +1,9 @@
 //! Signed records by HTTP to a quality system: the files that `panelprep record export` writes, each put below an
 //! address of its own.
 //!
-//! It runs on a thread of its own, for which nothing waits. Each signature's files are put in this order: the files
-//! that the record names, the page, the signature, and the record itself last. So if a record is present,
-//! everything that it names is present too. A file is put again if its answer was lost. It then has the same
+//! The transfer runs on a thread of its own, for which nothing waits. Each signature's files are put in this order:
+//! the files that the record names, the page, the signature, and last the record itself. So if a record is present,
+//! everything that it names is present too. A file is put again if its answer was lost. The file then has the same
 //! address and the same bytes, except the page, which also shows later signatures.
 
 mod connection;
@@ -24,7 +24,7 @@ pub struct PushSender {
 }
 
 impl PushSender {
-    /// Starts it.
+    /// Starts the sender.
     ///
     /// # Errors
     /// If the system provides no thread.

@@ -1,4 +1,4 @@
-//! One round: the next file goes to the server.
+//! One round: puts the next file on the server.
 
 use super::connection::Connection;
 use super::parts::PushParts;
@@ -16,11 +16,11 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// The file in the store's folder that records how far the records were put.
+/// The file in the store's folder that records up to which signature the files were put.
 const PROGRESS: &str = "push.json";
 /// The text with which the names of pictures, recipes and calibrations begin.
 const FILES: &str = "files/";
-/// Largest number of them that is remembered: most records name the same recipe and calibrations.
+/// Largest number of remembered names of such files: most records name the same recipe and calibrations.
 const MAX_FILES: usize = 50_000;
 const JSON: &str = "application/json";
 const PDF: &str = "application/pdf";
@@ -95,7 +95,8 @@ impl Sender {
 
 impl Rounds for Sender {
     async fn round(&mut self) -> Result<bool, String> {
-        // Its files are read before anything is to be put: errors in them are reported at once.
+        // The connection's own files are read even if nothing is to be put, so that errors in them are reported at
+        // once.
         let mut connection = match self.connection.take() {
             Some(connection) => connection,
             None => Connection::new(&self.push)?,
@@ -143,8 +144,8 @@ impl Rounds for Sender {
 }
 
 impl Sender {
-    /// Continues after the last signature. If the store was restored from a backup, other signatures have the same
-    /// numbers, and all of them are put again.
+    /// Continues after the last completed signature. If the store was restored from a backup, other signatures have
+    /// the same numbers, and all of them are put again.
     fn begin_where_it_was(&mut self, store: &Store) -> Result<(), String> {
         let Progress { number, record_hash, .. } = &self.progress;
         if *number == 0 {
@@ -177,7 +178,7 @@ impl Sender {
     }
 
     /// Returns the first file of a signature that was not put yet. A file that is damaged, or was deleted after its
-    /// retention time, stops nothing: `record verify` names it.
+    /// retention time, is skipped: `record verify` reports it.
     async fn next_file(&mut self, store: &Store, row: &SignatureRow) -> Result<Option<File>, String> {
         let record = store.blob(&row.record_hash).map_err(|error| error.to_string())?;
         if let StatementContent::Cycle(cycle) = Statement::read(&record).map_err(|error| error.to_string())?.says {

@@ -1,4 +1,4 @@
-//! The status of the way to the quality system that is shown to people.
+//! The status of the transfer to the quality system, as shown to people.
 
 use crate::daemon::waiting::Waiting;
 use crate::verdict::Reason;
@@ -15,7 +15,7 @@ impl PushStatus {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns what is wrong, for the alarms between cycles: a record that waits longer than `behind_min`.
+    /// Returns the problem for the alarms between cycles: a record that has waited longer than `behind_min`.
     pub fn reasons(&self, behind_min: usize, now_unix_ms: i64) -> Vec<Reason> {
         let late = self.waiting().late(behind_min, now_unix_ms, WORDS);
         late.into_iter().map(|words| Reason::new("push_behind", words)).collect()

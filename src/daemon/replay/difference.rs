@@ -23,8 +23,8 @@ impl std::fmt::Display for Difference {
     }
 }
 
-/// Returns each value in which the two differ, by its place, such as `send.move_lin.pose.x_mm`. Numbers are equal
-/// if all their digits are.
+/// Returns each value in which the recorded and the new form differ, with its path, such as `send.move_lin.pose.x_mm`.
+/// Numbers are equal if all their digits are equal.
 pub(super) fn differences(recorded: &Value, now: &Value) -> Vec<(String, String, String)> {
     let mut found = Vec::new();
     compare(String::new(), recorded, now, &mut found);
@@ -54,7 +54,7 @@ fn name(index: usize, value: &Value) -> String {
     value.get("name").and_then(Value::as_str).map_or_else(|| index.to_string(), str::to_owned)
 }
 
-/// Longest text that is shown of one side.
+/// Longest text that is shown for one of the two values.
 const MAX_TEXT_LENGTH: usize = 200;
 
 /// Returns a value as text, cut if it is long.

@@ -1,9 +1,9 @@
-//! The form of a finding in recordings of earlier programs.
+//! The form of a finding in recordings of earlier versions of this program.
 //!
-//! They kept name, value, unit and limit of each number, in an order of their own, and not every number by which a
-//! gate decides. A finding of this program is brought into that form before the two are compared: of each number,
-//! the parts that such a recording has, in the recording's order. Nothing that a recording holds is left out of the
-//! comparison.
+//! Earlier versions stored the name, value, unit and limit of each number, in a different order, and not all numbers
+//! on which a gate decides. A finding of this version is converted to that form before the two are compared: of each
+//! number, only the parts that such a recording has, in the recording's order. Nothing that a recording contains is
+//! left out of the comparison.
 
 use crate::inspect::name as film;
 use crate::record::name;
@@ -38,7 +38,7 @@ pub(super) fn in_form_of(recorded: &Value, mut now: Value) -> Value {
             number.remove(key);
         }
     }
-    // Numbers that an earlier program did not report at all.
+    // Removes the numbers that an earlier version of this program did not report at all.
     found.retain(|number| {
         let is_new =
             number["name"].as_str().is_some_and(|name| NAMES_SINCE_CHECKS.iter().any(|new| name.starts_with(new)));
@@ -108,7 +108,7 @@ mod tests {
         assert_eq!(differing(&earlier(), found([rms(0.1, 0.25), shift(), more])), ["numbers"], "one is added");
     }
 
-    /// A recording of this program is compared completely, including order and codes.
+    /// A recording of this version of the program is compared completely, including order and codes.
     #[test]
     fn a_recording_of_today_is_compared_whole() {
         let recorded = found([rms(0.1, 0.25), shift()]);

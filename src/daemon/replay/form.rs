@@ -1,5 +1,5 @@
-//! The form of commands and answers in a recording. The recorder writes it and the player reads it, both for all
-//! commands alike.
+//! The form of commands and answers in a recording. The recorder writes this form and the player reads it, in the same
+//! way for all commands.
 
 mod cameras;
 mod record;

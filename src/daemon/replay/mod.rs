@@ -1,11 +1,11 @@
-//! A cycle's recording: written while the cycle runs, and the cycle run again on the recorded data.
+//! The recording of a cycle, and the replay of a cycle from its recorded data.
 //!
-//! A `recorded_port` surrounds each of the loop's ports and writes down the data that passes (`tape` defines it)
-//! while the `switch` reports that a cycle is recorded. The `queue` passes it to a thread of its own, so that
-//! neither loop nor link ever waits for a disk. The `player` provides the same ports without a cell: it answers
-//! each command with the recorded answer, and notes the places where the loop now acts differently (`difference`).
+//! A `recorded_port` surrounds each of the loop's ports and records the data that pass (`tape` defines the format)
+//! while the `switch` reports that a cycle is recorded. The `queue` passes the data to a separate thread, so that
+//! neither loop nor link ever waits for a disk. The `player` provides the same ports without a cell: it answers each
+//! command with the recorded answer, and records each point at which the loop now acts differently (`difference`).
 //! `form` defines the commands and answers in a recording, `earlier_form` the findings in recordings of earlier
-//! programs.
+//! versions of this program.
 
 mod difference;
 mod earlier_form;

@@ -1,9 +1,10 @@
-//! The ports without a cell: each call of the loop is answered with the data that came when it was recorded.
+//! The ports without a cell: each call of the loop is answered with the recorded data.
 //!
 //! The order of the loop's calls follows from the data that it receives. So the recording's next entry is the next
-//! call of the loop, or the next data for it: a report only if the next entry is one, and nothing otherwise. If the
-//! loop makes the same call with other content, that is a difference, and the replay continues with the recorded
-//! data. If it makes another call, or none, the two have parted, and the replay ends there.
+//! call of the loop, or the next data for the loop: the loop receives a report only if the next entry is one, and
+//! nothing otherwise. If the loop makes the same call with other content, that is a difference, and the replay
+//! continues with the recorded data. If the loop makes a different call, or none, the two have diverged, and the
+//! replay ends there.
 
 use super::difference::{Difference, differences, short};
 use super::form::{Recordable, RecordedAnswer, of_film, timeless};
@@ -45,7 +46,7 @@ struct Playback<'a> {
     lock_step: bool,
     /// The time at which the last result was passed to the loop.
     result_ns: Option<u64>,
-    /// Entries that were read ahead: the calls and answers of the loop. The next field has those of the cameras,
+    /// Entries that were read ahead: the calls and answers of the loop. The next field has the entries of the cameras,
     /// which may be read in parallel with the loop.
     ahead: VecDeque<Entry>,
     seen: VecDeque<Entry>,
@@ -59,7 +60,8 @@ struct Playback<'a> {
 }
 
 impl<'a> Player<'a> {
-    /// Plays these entries of a recording. In the recorded cycle, time was either the robot's own or not.
+    /// Creates a player of these entries of a recording. `lock_step` states whether time in the recorded cycle was the
+    /// robot's own.
     pub fn new(entries: impl Iterator<Item = Result<Entry, TapeError>> + Send + 'a, lock_step: bool) -> Self {
         Player(Arc::new(Mutex::new(Playback {
             source: Box::new(entries),
@@ -88,8 +90,8 @@ impl<'a> Player<'a> {
             playback.part("the loop has left");
         }
         playback.leave_film(true);
-        // A camera call that is no longer needed, if its work has reached its result: one may be under way when the
-        // loop leaves.
+        // A remaining camera call whose work had its result before the end is a difference: the loop no longer makes
+        // this call. Without a result, the call may have been in progress when the loop ended.
         let (parted, until_ns) = (playback.parted, playback.result_ns);
         let left =
             playback.peek(true).filter(|left| !parted && until_ns.is_some_and(|result_ns| left.at_ns < result_ns));
@@ -175,8 +177,8 @@ impl Playback<'_> {
         Some(entry)
     }
 
-    /// By the wall clock a film is watched on a thread of its own, and the pictures that it still saw when it was
-    /// left are not needed.
+    /// Skips the rest of a film. With the wall clock a film is evaluated on a separate thread, and the pictures that
+    /// were recorded after the film was abandoned are not needed.
     fn leave_film(&mut self, with_its_begin: bool) {
         let is_left = |next: &Entry| {
             let (begins, goes_on) = of_film(&next.said);
@@ -217,7 +219,7 @@ impl Playback<'_> {
         Some(entry)
     }
 
-    /// Ends the replay, because the loop does something other than what was recorded.
+    /// Ends the replay, because the loop makes a call other than the recorded one.
     fn part(&mut self, now: &str) {
         let next = self.peek(false).map(|next| {
             let what = if next.said.is_null() { &next.heard } else { &next.said };
@@ -234,8 +236,8 @@ impl Playback<'_> {
     }
 }
 
-/// Returns whether two are the same call, regardless of their content: the same word, or objects with the same
-/// first key.
+/// Returns whether two commands are the same call, regardless of their content: the same word, or objects with the
+/// same first key.
 fn same_call(recorded: &Value, now: &Value) -> bool {
     match (recorded, now) {
         (Value::Object(before), Value::Object(after)) => {

@@ -1,9 +1,9 @@
-//! From the loop to the disk: a bounded queue and the thread that empties it.
+//! The path from the loop to the disk: a bounded queue and the thread that empties it.
 //!
-//! If time is the robot's own (lock step), the loop waits for a full queue as long as the disk accepts anything at
-//! all, since no clock runs. By the wall clock nothing waits: an entry that finds no place is counted, and the
-//! recording states that it has a gap. A disk that refuses, or that has too little room left, ends the recording
-//! and nothing else.
+//! If time is the robot's own (lock step), the loop waits while the queue is full, as long as the disk accepts
+//! anything at all, since no clock runs. With the wall clock nothing waits: an entry for which there is no space is
+//! counted, and the recording states that it has a gap. A disk that refuses, or that has too little free space left,
+//! ends the recording and nothing else.
 
 use super::super::computing::NICE;
 use super::super::recording::FLOOR_MB;
@@ -24,14 +24,13 @@ pub const RECORDING_FLOOR_MB: u64 = 2 * FLOOR_MB;
 const MAX_QUEUED_BYTES: usize = 256 << 20;
 /// Approximate size of a number, a word, a list or an object in an entry, bytes.
 const VALUE_BYTES: usize = 100;
-/// Time after which written data is complete on the disk, whatever comes then; also the interval at which the free
-/// space is checked.
+/// Interval at which written data is flushed to the disk, and at which the free space is checked.
 const FLUSH_INTERVAL: Duration = Duration::from_secs(1);
-/// Longest wait for a disk that accepts nothing: for a place, and at the end.
+/// Longest wait for a disk that accepts nothing: for space in the queue, and at the end.
 const DISK_TIMEOUT: Duration = Duration::from_secs(2);
 const CLOSE_TIMEOUT: Duration = Duration::from_secs(20);
 
-/// The entrance for entries; any thread may use it.
+/// The input of the queue; any thread may use it.
 #[derive(Debug, Clone)]
 pub struct Recorder(Arc<Shared>);
 
@@ -40,8 +39,8 @@ struct Shared {
     inside: Mutex<Inside>,
     changed: Condvar,
     bounds: Bounds,
-    /// Reports that the thread works, except while the disk works: a disk that hangs ends the recording and nothing
-    /// else.
+    /// Reports that the thread is alive, except while it waits for the disk: a disk that hangs ends the recording and
+    /// nothing else.
     sign: Option<Arc<Supervised>>,
 }
 
@@ -87,7 +86,7 @@ struct Inside {
 /// Returns the free space on the disk of the recording, MB.
 pub(super) type Room = Box<dyn FnMut() -> std::io::Result<u64> + Send>;
 
-/// A recording under way; [`Recording::finish`] ends it. A recording that is dropped stays unfinished, as after a
+/// A recording in progress; [`Recording::finish`] ends it. If a recording is dropped, it stays unfinished, as after a
 /// crash.
 #[derive(Debug)]
 pub struct Recording {
@@ -152,7 +151,8 @@ impl Recording {
         let recorder = Recorder(Arc::new(shared));
         let shared = recorder.0.clone();
         let write = move || {
-            // The loss of a recording is the lesser evil, so its thread gets the same low priority as computing.
+            // The loss of a recording is less serious than a delay of the loop, so this thread gets the same low
+            // priority as computing.
             if !bounds.waits
                 && let Err(error) = rustix::process::setpriority_process(None, NICE)
             {
@@ -171,7 +171,7 @@ impl Recording {
         Ok(Recording { file, recorder, thread })
     }
 
-    /// Returns the entrance for entries.
+    /// Returns the input of the queue.
     pub fn recorder(&self) -> Recorder {
         self.recorder.clone()
     }
@@ -314,7 +314,7 @@ impl Inside {
         }
     }
 
-    /// A thread that waits for a place need not wait any more.
+    /// Stops the recording; a thread that waits for space in the queue continues.
     fn stop(&mut self, why: String) {
         if self.stopped.is_none() {
             tracing::warn!("the recording ends: {why}");

@@ -1,5 +1,5 @@
-//! A port with recording of its commands and answers: each command passes unchanged, and is written down while the
-//! switch is on.
+//! A port whose commands and answers are recorded: each command passes unchanged, and is recorded while the switch is
+//! on.
 
 use super::form::{Recordable, RecordedAnswer};
 use super::switch::RecordingSwitch;

@@ -1,8 +1,8 @@
-//! Which cycle is recorded, and in which file: the one switch behind all recorded ports.
+//! The switch of all recorded ports: which cycle is recorded, and in which file.
 //!
 //! The command that runs one cycle records from its start on. The service runs for months, so it records single
-//! cycles: from the moment at which the loop accepts the order until it is at rest again, with the loop's memory
-//! from before. All slow work — the file, its beginning, each entry — is done by the recording's own thread.
+//! cycles: from the moment at which the loop accepts the order until the loop is at rest again, with the loop's memory
+//! from before. All slow work (the file, its beginning, each entry) is done by the recording's own thread.
 
 use super::super::Calibrations;
 use super::queue::{Bounds, Recorded, Recorder, Recording, Room};
@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-/// Longest time between two reports of the writing thread that it works; packing a picture needs less.
+/// Longest time between two life signs of the writing thread; compressing a picture takes less.
 const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(20);
 
 /// The beginning of a recording, and its file.
@@ -43,14 +43,14 @@ struct Inside {
     lock_step: bool,
     /// The state in which the loop last asked for a request.
     state: State,
-    /// For the cycle that is being begun: how it is to be recorded, the request to the table, and its state.
+    /// For the cycle that is being started: how it is to be recorded, the request to the state table, and its state.
     wanted: Option<(RecordingPlan, Request, State)>,
     recorder: Option<Recorder>,
     /// The cycle is over; the answers that are still expected belong to it.
     is_over: bool,
-    /// Kept until it is taken.
+    /// The ended recording, until it is taken by [`RecordingSwitch::take_recording`].
     recording: Option<Recording>,
-    /// The last one, for status requests.
+    /// The last recording, for status requests.
     last: Option<(String, Recorder)>,
     /// The supervisor of the threads that write.
     supervisor: Supervisor,
@@ -106,7 +106,7 @@ impl RecordingSwitch {
         Some(recording.finish())
     }
 
-    /// Returns the status of the last recording, or why there is none.
+    /// Returns the status of the last recording; `None` if there was no recording.
     pub fn status(&self) -> Option<Recorded> {
         let inside = self.lock();
         inside.last.as_ref().map(|(file, recorder)| recorder.status(file))
@@ -148,14 +148,14 @@ impl RecordingSwitch {
         }
     }
 
-    /// Notes that the cycle has ended, as far as is known.
+    /// Records that the cycle has ended, as far as the loop knows.
     pub(super) fn is_over(&self) {
         let mut inside = self.lock();
         inside.is_over = inside.recorder.is_some();
     }
 
-    /// The loop asks for the next request: the rest of the cycle has been received, and the recording ends with the
-    /// request to leave.
+    /// Handles the loop's question for the next request: if the cycle has ended, its remaining data have been received
+    /// by now, and the recording ends with the request to leave.
     pub(super) fn listens(&self, state: &State) {
         let mut inside = self.lock();
         inside.state = *state;
@@ -196,7 +196,7 @@ impl Inside {
         let of_disk = sign.clone();
         let begun = move || {
             let made = open().and_then(|out| {
-                // The file's name must be on the disk too.
+                // The new file's name in the folder must be flushed to the disk too.
                 folder.map_or(Ok(()), |folder| File::open(folder)?.sync_all())?;
                 Ok(out)
             });
@@ -221,8 +221,8 @@ impl Inside {
     }
 }
 
-/// A file that is flushed to the disk, and not only to the system's memory, which loses its content without power.
-/// While the disk works, the thread rests.
+/// A file that is flushed to the disk itself, and not only to the system's memory, which loses its content on a power
+/// failure. While the disk works, no life sign of the thread is expected.
 struct OnDisk(File, Arc<Supervised>);
 
 impl OnDisk {

@@ -1,4 +1,4 @@
-//! The queue when no thread empties it, and the report of a player when the loop acts differently.
+//! Tests of the queue when no thread empties it, and of the player's report when the loop acts differently.
 
 use super::form::to_json;
 use super::queue::{Bounds, Recorder};
@@ -38,7 +38,7 @@ impl Disk {
 impl Write for Disk {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         if let Some(go) = &self.go {
-            // Once it is no longer held up, it continues to write.
+            // Waits for the permission; after `go` is dropped, it writes without waiting.
             let _ = go.lock().expect("whole").recv();
         }
         let mut written = self.written.lock().expect("whole");
@@ -138,13 +138,13 @@ fn in_lock_step_a_full_queue_is_waited_for() {
 fn a_full_disk_ends_the_recording_and_nothing_else() {
     let disk = Disk { refuses_after: 20_000, ..Disk::new() };
     let recording = recording(begun(&disk), true, || u64::MAX);
-    // It returns: it does not wait for a queue that no thread empties any more.
+    // The call returns: it does not wait for a queue that no thread empties any more.
     put_pictures(&recording.recorder(), 2_000);
     let written = recording.finish();
     assert!(written.is == RecordingStatus::NotWhole && written.message.contains("no space left"), "{written:?}");
 }
 
-/// Even in lock step, a disk that accepts nothing is not waited for twice.
+/// Even in lock step, the loop does not wait a second time for a disk that accepts nothing.
 #[test]
 fn a_disk_that_hangs_makes_a_gap_in_lock_step_too() {
     let (disk, go, writer) = hanging();
@@ -155,7 +155,8 @@ fn a_disk_that_hangs_makes_a_gap_in_lock_step_too() {
     assert!(matches!(check(&disk.bytes()[..]), Err(TapeError::Lost { .. })));
 }
 
-/// A caller that ends it, such as the service's end or the next cycle's page, does not hang with the disk.
+/// A caller that ends the recording, such as the service's end or the next cycle's page, does not wait for a disk that
+/// hangs.
 #[test]
 fn a_disk_that_hangs_at_the_end_is_left() {
     let (_disk, go, writer) = hanging();
@@ -280,7 +281,8 @@ fn next_report(player: &mut Player) -> Option<Report> {
     RobotPort::next(player).expect("no thread is lost")
 }
 
-/// Returns whether the player makes a request to the table, by which a parted replay ends the loop.
+/// Returns whether the player makes a request to the state table; by this request, a replay that has diverged ends the
+/// loop.
 fn asks(player: &mut Player) -> bool {
     let next = RequestPort::next(player, &State::NEW).expect("no thread is lost");
     matches!(next, Some(Request { what: RequestKind::Table(_), .. }))
@@ -318,7 +320,7 @@ fn a_camera_that_is_not_asked_any_more_is_a_difference() {
         played.differences[0].to_string(),
         "0.000 s, request to the cameras: recorded \"picture\", now nothing"
     );
-    // By the wall clock, the loop may end in the middle of a look.
+    // With the wall clock, the loop may end while a camera command is in progress.
     assert!(player(vec![look()]).played().differences.is_empty());
 }
 

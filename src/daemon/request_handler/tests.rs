@@ -1,4 +1,4 @@
-//! Which client gets which answer, and when.
+//! Tests which client gets which answer, and when.
 
 use super::super::request_queue::{RequestSender, request_queue};
 use super::*;
@@ -42,7 +42,7 @@ fn send(sender: &RequestSender, uid: u32, what: RequestKind) -> oneshot::Receive
     answer
 }
 
-/// Two signals: a stop, an abort; a third requests nothing. The service leaves once the cell is at rest.
+/// Two signals request a stop, then an abort; a third one requests nothing. The service ends when the cell is at rest.
 #[test]
 fn signals_stop_then_abort_and_leave_at_rest() {
     let (sender, mut handler) = handler();
@@ -74,8 +74,8 @@ fn a_page_is_due_once_the_cell_rests() {
 }
 
 /// Two screens show review 1. One person accepts, the cell continues and is held with review 2. The other person
-/// accepts on the stale screen: the table never receives it, and the refusal states what changed. A decision on the
-/// step that is shown is executed.
+/// accepts on the outdated screen: the decision does not reach the state table, and the refusal states what has
+/// changed. A decision on the displayed step is executed.
 #[test]
 fn a_decision_is_good_for_the_step_that_was_shown() {
     let (sender, mut handler) = handler();
@@ -106,7 +106,7 @@ fn a_decision_is_good_for_the_step_that_was_shown() {
         reasons[0].message,
         "accept was decided upon step 7: held, plan (review); the cell is at step 11: held, assess (review); read it and decide again"
     );
-    // The same answer is given for a step from before the start of this service.
+    // A decision on a step from before the start of this service is refused in the same way.
     for request in [cycle::Request::Clear, cycle::Request::Unhold { dried: true }] {
         let mut stale = send(&sender, 8, RequestKind::Decided { request, step: 2 });
         assert!(matches!(next(&mut handler, &second), Some(RequestKind::Outdated { .. })));
@@ -201,8 +201,8 @@ fn a_lost_thread_is_told_to_the_loop() {
     assert!(matches!(handler.next_request(&idle), Err(fault) if fault.thread == "socket"));
 }
 
-/// If a cycle is held, its phase is the one in which it continues; a path reports its waypoints, a film its
-/// seconds.
+/// While a cycle is held, the reported phase is the one in which it continues; for a path the waypoints are reported,
+/// for a film its seconds.
 #[test]
 fn the_state_tells_how_far_the_work_is() {
     let (_sender, mut handler) = handler();

@@ -1,7 +1,7 @@
-//! What users may request who are in the socket's group: the cell's file gives them one role.
+//! The permissions of users in the socket's group: the cell's file gives these users one role.
 //!
-//! The user who runs the service, and root, may request everything: they can do it without the socket as well.
-//! Every person who reaches the cell may request stop and abort.
+//! The user who runs the service, and root, may request everything: they can do it without the socket as well. Every
+//! person who has access to the cell may request stop and abort.
 
 use crate::accounts::{Permission, Role};
 use crate::cycle::Request;
@@ -19,8 +19,8 @@ pub(super) struct Rule {
 }
 
 impl Rule {
-    /// Returns whether this user's start may contain a recipe that is not in the folder. A user who may change the
-    /// folder may also do this.
+    /// Returns whether this user's start may contain a recipe that is not in the folder. This requires the permission
+    /// to change the folder.
     pub fn own_text(self, who: &Who) -> OwnText {
         match self.role_of(who) {
             Some(role) if !role.may(Permission::Configure) => OwnText::Refused,

@@ -7,8 +7,8 @@ use rumqttc::{LastWill, MqttOptions, QoS, TlsConfiguration, Transport};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// A connection that is silent for this time is checked; the broker reports the death after one and a half times
-/// this time.
+/// Time without data after which a connection is checked; the broker reports the node's death after one and a half
+/// times this time.
 const KEEP_ALIVE: Duration = Duration::from_secs(10);
 /// Largest message that is accepted from the broker, and largest message that is sent, in bytes. A command is far
 /// smaller.
@@ -23,7 +23,7 @@ impl Broker {
     /// Reads the files that `[sparkplug]` names.
     ///
     /// # Errors
-    /// If a file cannot be read or is not what it must be.
+    /// If a file cannot be read or is not valid.
     pub fn read(node: &SparkplugNode) -> Result<Self, TrustError> {
         let client_id = format!("{}/{}", node.group_id, node.edge_node_id);
         let mut options = MqttOptions::new(client_id, node.broker.clone(), node.port);

@@ -12,8 +12,8 @@ use std::time::{Duration, Instant};
 use tokio::sync::{oneshot, watch};
 use tokio::time::sleep;
 
-/// Times after which a lost broker is tried again: the first one at the beginning, then twice as long each time, up
-/// to the second one.
+/// Delays before a lost broker is tried again: the first value at the beginning, then twice as long each time, up to
+/// the second value.
 const BACK_OFF: [Duration; 2] = [Duration::from_secs(1), Duration::from_secs(60)];
 /// Time after which a connection counts as stable.
 const MIN_STABLE_TIME: Duration = Duration::from_secs(30);
@@ -35,8 +35,8 @@ pub struct SparkplugEdge {
 }
 
 impl SparkplugEdge {
-    /// Connects the cell to its broker, and again if the connection is lost or a file cannot be used: the cell does
-    /// not wait for it.
+    /// Connects the cell to its broker, and tries again if the connection is lost or a file cannot be used: the cell
+    /// does not wait for the connection.
     ///
     /// # Errors
     /// If the system refuses a thread.

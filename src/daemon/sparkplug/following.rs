@@ -39,7 +39,7 @@ pub(super) async fn follow(parts: InterfaceContext, tell: watch::Sender<Option<C
     }
 }
 
-/// Returns whether the store may contain something else now: a phase, a state or a cycle began.
+/// Returns whether the store may contain something new: a phase, a state, a pass or a cycle has changed.
 fn is_another(was: &LoopView, now: &LoopView) -> bool {
     let key = |view: &LoopView| (view.table.map(|state| state.at), view.phase.clone(), view.cycle, view.pass);
     key(was) != key(now)

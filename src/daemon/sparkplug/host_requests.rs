@@ -19,7 +19,7 @@ pub(super) struct Asking {
 }
 
 impl Asking {
-    /// Asks the cell, by the same request and gates as the operator's page, and records the result.
+    /// Makes the request to the cell, by the same requests and gates as the operator's page, and records the result.
     pub async fn ask(self, command: NodeCommand, is_noted: bool) {
         let Some(request) = command.request() else { return };
         let reply = self.gateway.request(RequestKind::Table(request), Who::by(RequestSource::Sparkplug)).await;
@@ -34,7 +34,7 @@ impl Asking {
     /// Records a line of the audit trail, on a thread that may wait for the disk.
     pub async fn note(self, note: AuditNote) {
         let AuditNote { what, subject, refused } = note;
-        // The role with which the cell's file lets hosts make requests; it is not known which host made this one.
+        // The role that the cell's file gives to all hosts; it is not known which host made this request.
         let role = refused.is_none().then_some(Role::Operator);
         let entry = AuditEntry { subject, refused, ..AuditEntry::done(None, role, self.from.clone(), &what) };
         #[expect(clippy::let_underscore_must_use, reason = "a line that cannot be stored is in the service's log")]

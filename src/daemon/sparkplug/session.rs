@@ -12,8 +12,8 @@ use tokio::sync::{mpsc, oneshot, watch};
 use tokio::task::JoinSet;
 use tokio::time::{MissedTickBehavior, interval, timeout};
 
-/// Largest number of messages that wait for the connection. If they are not accepted, the connection is given up:
-/// its data may be lost, their order must not.
+/// Largest number of messages that wait for the connection. If they are not accepted, the connection is closed: its
+/// data may be lost, but not reordered.
 const MAX_WAITING: usize = 64;
 /// Largest number of packets of the broker that wait for the node; the others wait in the broker.
 const MAX_PACKETS: usize = 16;
@@ -50,7 +50,8 @@ pub(super) struct Parts {
 pub(super) const NAME: &str = "MQTT Sparkplug";
 
 impl Parts {
-    /// There is no connection, for this reason: reported once, until a connection existed again.
+    /// Reports that there is no connection, for this reason; the same reason is logged only once until a connection
+    /// exists again.
     pub fn fails(&self, why: &str) {
         let problem = format!("no connection to {}: {why}", self.address);
         if self.alarms.trouble(NAME, Some(&problem)) {
@@ -182,7 +183,7 @@ impl Session<'_> {
                         return Some(Ended::Lost("the broker accepts no messages".to_owned()));
                     }
                 }
-                // The connection never waits for the loop or the disk; limits keep these tasks few.
+                // The connection never waits for the loop or the disk; the number of these tasks is limited.
                 NodeAction::Ask { command, is_noted } => drop(tokio::spawn(asking.ask(command, is_noted))),
                 NodeAction::Note(note) => drop(tokio::spawn(asking.note(note))),
                 NodeAction::Disconnect => {

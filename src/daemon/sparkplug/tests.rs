@@ -61,7 +61,8 @@ impl Edge {
         Edge { parts, broker, node, queue, listener, runtime, _tell: tell, _folder: folder }
     }
 
-    /// Runs one connection to a broker that does this and then closes the connection. Returns what the node sent.
+    /// Runs one connection to a broker that does this and then closes the connection. Returns the reason for the end,
+    /// and the bytes that the node sent.
     fn meets(&mut self, broker: impl FnOnce(&mut TcpStream) + Send + 'static) -> (String, Vec<u8>) {
         let listener = self.listener.try_clone().expect("the same");
         let plays = std::thread::spawn(move || {
@@ -139,7 +140,7 @@ fn a_broker_that_refuses_is_told_in_words() {
     assert!(why.contains("does not let the cell subscribe to spBv1.0/G/NCMD/cell"), "{why}");
 }
 
-/// A stop comes through at once, a retained one does not; and a topic that was not subscribed has no effect.
+/// A stop is executed at once, a retained stop is not; and a topic that was not subscribed has no effect.
 #[test]
 fn what_the_broker_delivers_is_looked_at() {
     let mut edge = Edge::new();
@@ -158,7 +159,7 @@ fn what_the_broker_delivers_is_looked_at() {
     assert_eq!(edge.was_asked(), ["stop"]);
 }
 
-/// Bytes that are not MQTT, or nearly: in every case the connection ends with a reason, nothing panics, and the
+/// Bytes that are not, or not quite, MQTT: in every case the connection ends with a reason, nothing panics, and the
 /// cell receives no request. The topic of commands has another name here, so that random bytes cannot form a stop.
 #[test]
 fn no_bytes_of_a_broker_do_harm() {

@@ -17,7 +17,7 @@ fn compliant() -> Fake {
     fake
 }
 
-/// It presses with the force of the recipe, and the record has the force at the robot's poses.
+/// The tool presses with the force of the recipe, and the record contains the force at the robot's poses.
 #[test]
 fn a_cycle_with_a_compliant_tool_passes() {
     let story = compliant().run(Asks::one_cycle());
@@ -42,8 +42,8 @@ fn code(fault: ToolFault) -> &'static str {
     }
 }
 
-/// Each fault is tested at one of four waypoints; the next fault uses the next ones, so that each waypoint has at
-/// least one fault.
+/// Each fault is tested at every fourth waypoint; the next fault is tested at the waypoints after these, so that each
+/// waypoint has at least one fault.
 #[test]
 fn a_fault_at_every_waypoint_ends_contact_in_time() {
     faults_end_contact_in_time(4);
@@ -86,8 +86,8 @@ fn faults_end_contact_in_time(step: u32) {
             }
             let found = end.findings.iter().find(|finding| finding.kind == Kind::Tool);
             let Some(found) = found else {
-                // No pressing followed any more, or the tool is stuck at a place at which the pressing is as it
-                // should be.
+                // No pressing followed after the fault, or the tool is stuck at a position at which the pressing is
+                // still correct.
                 assert!(end.done == Some(begun.waypoints()), "{at}");
                 assert!(fault == ToolFault::Stuck || from + 5 > begun.waypoints(), "{at}");
                 continue;

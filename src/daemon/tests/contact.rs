@@ -1,5 +1,5 @@
-//! Contact on the record: the permitted waypoints, the effect of a lost link, the counted abrasions of earlier
-//! cycles, and the authors of requests.
+//! The record of contact: the permitted waypoints, the effect of a lost link, the counted abrasions of earlier cycles,
+//! and the authors of requests.
 
 use super::fake::{Asks, Cell as Fake};
 use super::serving::Script;
@@ -33,8 +33,8 @@ fn no_waypoint_in_contact_comes_before_its_permission() {
     assert_eq!((path.pass, story.clocks.len()), (1, 2));
 }
 
-/// It is not reported how far the path was executed: no abrasion is booked, and the disc stays worn by the whole
-/// path, even after a person has cleared the abort.
+/// The executed part of the path is not known: no abrasion is recorded, and the whole path stays counted as wear of
+/// the disc, even after a person has cleared the abort.
 #[test]
 fn a_link_that_is_lost_in_contact_leaves_an_unknown_end() {
     let cell = Fake::new(Scene::Good).slow().whose_link_is_lost_in_contact();
@@ -52,7 +52,7 @@ fn a_link_that_is_lost_in_contact_leaves_an_unknown_end() {
     assert!(whole_mm2 > 1_000.0 && record.worn_mm2 == whole_mm2, "{} of {whole_mm2}", record.worn_mm2);
 }
 
-/// An abort in contact with a reported end: the executed part is booked.
+/// An abort in contact, whose end is reported: the executed part is recorded.
 #[test]
 fn an_abort_in_contact_is_booked_with_its_motion() {
     let story = Fake::new(Scene::Good).slow().run(Asks::one_cycle().with(contact, cycle::Request::Abort));
@@ -62,8 +62,8 @@ fn an_abort_in_contact_is_booked_with_its_motion() {
     assert_eq!(found.number(name::EXECUTED), Some(f64::from(done)));
 }
 
-/// R21: a feedback that goes off in contact ends the path, and the executed part is booked. The contradicting
-/// output is reported by name.
+/// R21: if a feedback goes off in contact, the path ends, and the executed part is recorded. The contradicting output
+/// is reported by name.
 #[test]
 fn a_feedback_that_goes_off_in_contact_holds() {
     for (bit, name) in [(2, "extraction_flow"), (3, "tool_running")] {
@@ -80,7 +80,8 @@ fn a_feedback_that_goes_off_in_contact_holds() {
     }
 }
 
-/// A dead cable of a sensor: the cycle is aborted as late, and a finding in addition states the missing feedback.
+/// The cable of a sensor is broken: the cycle is aborted because the answer is late, and an additional finding states
+/// the missing feedback.
 #[test]
 fn a_feedback_that_never_comes_is_named() {
     for (bit, name, asked) in

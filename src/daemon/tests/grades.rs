@@ -1,5 +1,5 @@
-//! The execution of a contact path decides: a reject ends the cycle, a review waits for a person. No reason is
-//! reported for something that did not happen.
+//! Tests of how the execution of a contact path is judged: a reject ends the cycle, a review waits for a person. No
+//! reason is reported for something that did not happen.
 
 use super::fake::{Asks, Cell as Fake};
 use super::*;
@@ -54,8 +54,8 @@ fn a_path_that_removed_too_much_rejects_the_part() {
     assert_eq!(judgement.reasons[0].code, "removal_too_deep", "{judgement:?}");
 }
 
-/// A hold in contact stays a hold. The remaining part of the path is no reason for a review. The tool that the hold
-/// itself switched off is no trouble, however long the arm needs to come to rest.
+/// A hold in contact remains a hold. The rest of the path is no reason for a review. The hold itself switched the tool
+/// off, so this is not a fault, however long the arm needs to come to rest.
 #[test]
 fn a_hold_in_contact_finds_nothing_wrong() {
     let in_contact =
@@ -69,8 +69,8 @@ fn a_hold_in_contact_finds_nothing_wrong() {
     assert_eq!(codes(&story, Kind::Abrade), ["part"], "{story}");
 }
 
-/// An air-run needs no disc, removes nothing and presses on nothing: conditions that forbid the contact are no
-/// reason against it.
+/// An air-run needs no disc, removes nothing and presses on nothing: conditions that forbid contact do not forbid an
+/// air-run.
 #[test]
 fn an_air_run_is_judged_by_its_motion_alone() {
     let worn_out = || {

@@ -1,5 +1,5 @@
-//! What the cycle checks about surface and paths, and when: reach before the panel is wet, every motion from the
-//! actual axes, feed and rounding as planned, the executed path, the disc.
+//! Tests what the cycle checks about surface and paths, and when: reach before the panel is wet, every motion from the
+//! actual axis positions, feed and rounding as planned, the executed path, the disc.
 
 use super::*;
 use crate::cell::CorrectionNumbers;
@@ -47,7 +47,7 @@ fn a_panel_partly_out_of_reach_is_for_a_person_to_decide() {
     assert!(number(&story, Kind::Reach, "grids within the arm's reach") > 2.0);
 }
 
-/// The cell's file states an upper arm 10 mm longer than the real one: nothing moves in lines.
+/// The cell's file states an upper arm 10 mm longer than the real one: no linear motion is started.
 #[test]
 fn an_arm_that_is_another_one_does_not_move() {
     let mut fake = Fake::new(Scene::Good);
@@ -142,8 +142,8 @@ fn standing_over_the_panel(fake: &Fake, lifted_mm: f64) -> (Rigid<Base, Flange>,
     (base_from_flange, joints[at])
 }
 
-/// After a stop in contact the tool touches the panel: the axes do not move from there. Jogged 80 mm off, the arm
-/// continues automatically.
+/// After a stop in contact the tool touches the panel: no axis motion starts from there. After the arm was jogged 80
+/// mm away, it continues automatically.
 #[test]
 fn an_arm_left_at_the_panel_does_not_move_by_its_axes() {
     let fake = Fake::new(Scene::Clean);
@@ -231,8 +231,8 @@ fn a_press_in_without_a_known_error_is_rejected_before_the_panel_is_wet() {
     assert_eq!(codes(&story, Kind::Reach), ["pad_stroke"], "{story}");
 }
 
-/// The arm that will move is the one that is checked: over the corners that determine the panel's place, in their
-/// order, beside the same obstacles.
+/// The check uses the same arm posture as the later motion: over the corners that determine the panel's pose, in their
+/// order, with the same obstacles.
 #[test]
 fn the_arm_stands_where_its_own_corners_lead() {
     let fake = Fake::new(Scene::Good);
@@ -257,7 +257,7 @@ fn the_arm_stands_where_its_own_corners_lead() {
         "{second_first:?}"
     );
     assert_eq!(at(&[], None).expect_err("no corner").code, "no_corner");
-    // An object at the place of the camera.
+    // An object at the position of the camera.
     let eye = (place * corners[1].teaching.panel_from_camera).origin();
     let obstacles = Arc::new(Obstacles::default().with("what the scan saw", [eye]));
     let refused = at(&[0, 1], Some(&obstacles)).expect_err("in the way");
@@ -269,8 +269,8 @@ fn the_arm_stands_where_its_own_corners_lead() {
     );
 }
 
-/// A smooth correction is valid only inside the volume over which it was measured: outside there is no contact, and
-/// no view of a corner that is used for measuring.
+/// A smooth correction is valid only inside the volume in which it was measured: outside, neither contact nor a corner
+/// view for measuring is permitted.
 #[test]
 fn nothing_is_measured_or_touched_where_the_correction_was_not_measured() {
     let fake = Fake::new(Scene::Good);

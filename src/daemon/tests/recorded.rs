@@ -7,7 +7,7 @@ use crate::cycle::State;
 use crate::tape::{Begin, Entries, Entry, Topic, check};
 use std::path::Path as File;
 
-/// Serves this script, records its second order, and runs the recording again; returns what passed, and the
+/// Serves this script, records its second order, and replays the recording; returns the recorded entries and the
 /// verdict.
 fn recorded(mut fake: Fake, script: impl FnOnce(Script, &Fake, &Fake) -> Script) -> (Vec<Entry>, Option<Verdict>) {
     let folder = tempfile::tempdir().expect("a folder");
@@ -47,8 +47,8 @@ fn a_cycle_of_the_service_replays_without_a_difference() {
     assert!(asked.len() == 2 && asked[0].contains("start") && asked[1].contains("leave"), "{asked:?}");
 }
 
-/// Requests from outside are part of the recording: a new disc, a review that a person accepts, an order out of
-/// turn, a hold.
+/// Requests from outside are part of the recording: a new disc, a review that a person accepts, an order that is not
+/// possible at that time, a hold.
 #[test]
 fn what_is_asked_meanwhile_is_replayed_too() {
     let mut fake = Fake::new(Scene::Good);

@@ -106,7 +106,8 @@ fn a_new_disc_goes_on_after_a_review() {
     assert!((1_000.0..900_000.0).contains(&record.worn_mm2), "{}", record.worn_mm2);
 }
 
-/// Once for each start from rest, for the time that the cell states, and off again before the arm moves.
+/// The warning output is on once for each start from rest, for the time that the cell's file states, and off again
+/// before the arm moves.
 #[test]
 fn the_cell_warns_before_it_moves() {
     let mut cell = Fake::new(Scene::Clean);
@@ -120,8 +121,8 @@ fn the_cell_warns_before_it_moves() {
     assert_eq!(silent.warning_ms.0, [], "a cell without the output");
 }
 
-/// A stop is on the wire before the loop receives it: a command that comes between them is no fault, and the table
-/// stops.
+/// A stop is sent to the robot before the loop receives it: a command between the two is not a fault, and the state
+/// table stops the cycle.
 #[test]
 fn a_command_after_a_stop_on_the_wire_is_no_fault() {
     let cell = Fake::new(Scene::Clean);
@@ -144,7 +145,7 @@ fn a_command_after_a_stop_on_the_wire_is_no_fault() {
     assert_eq!((script.refusals, script.verdicts), (vec![], vec![Verdict::Aborted]));
 }
 
-/// Without a stop that ended it, an epoch that is not open is a fault, and the cycle does not continue.
+/// If no stop ended the epoch, a command without an open epoch is a fault, and the cycle does not continue.
 #[test]
 fn a_command_without_an_epoch_is_a_fault() {
     let cell = Fake::new(Scene::Clean);
@@ -167,8 +168,8 @@ fn a_command_without_an_epoch_is_a_fault() {
     assert_eq!(script.verdicts, [Verdict::Aborted]);
 }
 
-/// The first start is refused, because the switch must be at local. The switch is turned, and the same start is
-/// accepted.
+/// The first start is refused, because the switch must be in the position local. The switch is turned, and the same
+/// start is accepted.
 #[test]
 fn a_start_is_taken_from_the_selected_side() {
     let mut cell = Fake::new(Scene::Clean);
@@ -219,7 +220,8 @@ impl Port<CameraCommand> for Odd {
         match command {
             CameraCommand::Scan => {
                 if let Some(go_on) = self.go_on.take() {
-                    // Far longer than the test lasts: if the loop waits for this scan, the scan is not released.
+                    // Much longer than the test lasts: if the loop waited for this scan, the scan would never be
+                    // released.
                     let why = |_| CameraFault { camera: "the scanner", why: "the loop waited for it".to_owned() };
                     go_on.recv_timeout(Duration::from_secs(30)).map_err(why)?;
                 }
@@ -287,8 +289,8 @@ fn watched_s(worked: &Worked) -> Option<f64> {
     }
 }
 
-/// Pictures that the camera dropped are missing in its times: the film is no test, whatever it shows, and reports
-/// how many.
+/// Pictures that the camera dropped are missing in the picture times: the film is not a valid test, whatever it shows,
+/// and the number of dropped pictures is reported.
 #[test]
 fn dropped_pictures_are_a_gap_in_time() {
     let cell = Fake::new(Scene::Clean);
@@ -299,8 +301,8 @@ fn dropped_pictures_are_a_gap_in_time() {
     let codes: Vec<String> = film.judgement.reasons.iter().map(|reason| reason.code.to_string()).collect();
     assert!(film.judgement.verdict == Verdict::Invalid && codes.contains(&"gap".to_owned()), "{film:?}");
     assert_eq!(film.number("pictures that were dropped"), Some(6.0));
-    // Calculated by hand: one picture in two seconds; after the fourth one, which came at six seconds, the eleventh
-    // one came at twenty.
+    // Calculated by hand: one picture every two seconds; the fourth one came at six seconds, the next one received,
+    // the eleventh, at twenty.
     let longest_s = film.number("longest time between two of them").expect("measured");
     assert!((longest_s - 14.0).abs() < 1e-6, "{longest_s}");
 }

@@ -1,5 +1,5 @@
-//! The loop reports the same as a stage that is called on the same picture: a command on files calls it in this
-//! way.
+//! Tests that the loop reports the same findings as a stage that is called directly on the same picture, as a command
+//! on files does.
 
 use super::*;
 use crate::geometry::KukaPose;
@@ -85,7 +85,7 @@ fn grids_give_the_loop_and_a_command_the_same_plan() {
     assert_eq!(by_loop.judgement, by_command.judgement);
 }
 
-/// Returns the checks without the stop-watch times and the values of the loop's own moves.
+/// Returns the checks without the measured computing times and the values of the loop's own moves.
 fn of_the_stage<'c>(checks: impl IntoIterator<Item = &'c Check>) -> Vec<Check> {
     let of_the_loop =
         [name::PER_PICTURE, "pictures that were dropped", name::MOVES, "corner from where it was looked for"];
@@ -132,8 +132,8 @@ fn a_clip_gives_the_loop_and_a_command_the_same_checks() {
     }
 }
 
-/// The loop's last finding on the corners: the two pictures with which the loop corrected the place are given to
-/// the stage together.
+/// For the loop's last finding on the corners, the stage receives both pictures with which the loop corrected the
+/// pose.
 #[test]
 fn corner_pictures_give_the_loop_and_a_command_the_same_checks() {
     let fake = Fake::new(Scene::Good);
@@ -166,7 +166,7 @@ fn corner_pictures_give_the_loop_and_a_command_the_same_checks() {
     for check in &by_command {
         let same = by_loop.iter().find(|of_loop| of_loop.name == check.name).unwrap_or_else(|| panic!("{check:?}"));
         assert_eq!((&same.limit, &same.message, &same.unit), (&check.limit, &check.message, &check.unit));
-        // The commands get the place and the flange with the digits of a pose in a file.
+        // The commands receive the panel's pose and the flange pose rounded to the digits of a pose in a file.
         let (value, other) = (same.value.expect("measured"), check.value.expect("measured"));
         assert!((value - other).abs() < 1e-3, "{}: {value} and {other}", check.name);
     }

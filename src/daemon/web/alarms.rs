@@ -65,7 +65,7 @@ fn body(words: Language<'_>, alarms: &[Alarm], may_acknowledge: bool) -> Markup 
     }
 }
 
-/// Returns the key of a priority's word, with signs that need no colour.
+/// Returns the key of a priority's word; the words have symbols, so that they are understood without colour.
 fn priority_key(priority: Priority) -> &'static str {
     match priority {
         Priority::High => "alarms.priority.high",

@@ -1,5 +1,5 @@
-//! The page's own files: styles and scripts, which are part of the program. Their address contains the hash of all
-//! of them, so that a browser keeps them until the program changes.
+//! The page's own files: styles and scripts, which are part of the program. Their address contains the hash of all of
+//! them, so that a browser caches them until the program changes.
 
 use super::guard::not_found;
 use crate::files::hex;

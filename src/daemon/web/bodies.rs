@@ -1,4 +1,4 @@
-//! The body of a request has to come in time: a client that sends only a head keeps no place.
+//! Time limit for the body of a request: a client that sends only a head must not occupy a connection slot.
 
 use axum::body::{Body, HttpBody};
 use axum::extract::Request;

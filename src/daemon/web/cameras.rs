@@ -1,5 +1,5 @@
-//! The view of both cameras between cycles, with the figures of the picture. While a cycle is under way no picture
-//! is taken, and the reason is shown.
+//! The view of both cameras between cycles, with the quality values of the picture. While a cycle is in progress no
+//! picture is taken, and the reason is shown.
 
 use super::camera_views::View;
 use super::guard::{By, not_found, refusal};
@@ -74,7 +74,7 @@ fn shown(words: Language<'_>, name: &str, view: &View) -> Markup {
     }
 }
 
-/// Returns the figures of a picture: those that `panelprep shoot` reports.
+/// Returns the quality values of a picture: the same that `panelprep shoot` reports.
 fn figures(view: &View) -> Vec<(&'static str, String)> {
     let View { quality, conditions, .. } = view;
     let percent = |share: f64| format!("{} %", fixed(100.0 * share, 2));

@@ -121,7 +121,7 @@ fn head(words: Language<'_>, comparison: &Comparison) -> Markup {
     } }
 }
 
-/// A hash can be recognised by its beginning.
+/// Shortens a hash to its beginning, by which it can be recognised.
 fn short(text: &str) -> String {
     if text.chars().count() > 20 { text.chars().take(16).chain(['…']).collect() } else { text.to_owned() }
 }

@@ -26,7 +26,7 @@ use std::sync::Arc;
 const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; form-action 'none'; base-uri 'none'; \
                       frame-ancestors 'self'";
 
-/// Parses the number of a cycle; a text that is no number gives "not found".
+/// Parses the number of a cycle; a text that is not a number gives "not found".
 async fn id(number: &str) -> Result<CycleId, Response> {
     match number.parse() {
         Ok(number @ 1..) => Ok(CycleId(number)),
@@ -93,7 +93,7 @@ fn form(visitor: &Visitor, id: CycleId) -> Markup {
     }
 }
 
-/// Returns the word of a meaning in requests, as it is stored.
+/// Returns the word for the meaning of a signature in requests; it is stored in the same form.
 fn meaning_key(meaning: Meaning) -> String {
     serde_json::to_value(meaning).ok().and_then(|value| value.as_str().map(str::to_owned)).unwrap_or_default()
 }
@@ -223,8 +223,8 @@ enum NotSigned {
     Problem(String),
 }
 
-/// Returns the signature's number. The account signs as it is now, and only if it has not changed since the person
-/// logged in with it.
+/// Signs the record and returns the signature's number. The present account data are used, and only if the account has
+/// not changed since the person logged in.
 fn signed(web: &Web, signs: PersonSigns, person: &Person, password: &str) -> Result<u64, NotSigned> {
     let refused = |problem: &str| Err(NotSigned::Problem(problem.to_owned()));
     match web.front.people.tried(&signs.user, password) {

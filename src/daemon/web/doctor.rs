@@ -1,4 +1,5 @@
-//! The cell from the bottom up, as `panelprep doctor` sees it: each thing with its findings and what to do.
+//! The state of the whole cell, as `panelprep doctor` reports it: each item from the bottom up, with its findings and
+//! the remedy.
 
 use super::guard::By;
 use super::layout::Frame;

@@ -21,7 +21,7 @@ pub(super) fn csv(visitor: &Visitor, name: &str, table: &Table) -> Response {
     csv_file(name, table).unwrap_or_else(|error| failed(visitor, &error))
 }
 
-/// Returns the same for callers that report a failure differently.
+/// Returns the same file for callers that report a failure differently.
 ///
 /// # Errors
 /// If a row does not have the same length as the names of the columns.

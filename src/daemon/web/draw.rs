@@ -1,5 +1,5 @@
-//! Drawing a recipe's region, outline and masks on the taught scan's picture. The drawing becomes a proposed text
-//! with its difference; the text is approved and saved like every other change of a recipe.
+//! Drawing a recipe's region, outline and masks on the taught scan's picture. The drawing becomes a proposed recipe
+//! text, shown with its differences; the text is approved and saved like every other change of a recipe.
 
 use super::guard::{By, refusal};
 use super::layout::{Frame, Script};

@@ -31,7 +31,7 @@ impl Frames {
         (number, frame.map(|frame| frame.name.clone()))
     }
 
-    /// Returns the newest picture; `None` if there is none. It needs a few hundredths of a second, once for each
+    /// Returns the newest picture; `None` if there is none. Encoding takes a few hundredths of a second, once for each
     /// picture.
     pub fn jpeg(&self) -> Option<Arc<Vec<u8>>> {
         let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);

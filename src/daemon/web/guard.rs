@@ -17,7 +17,8 @@ use std::sync::Arc;
 
 /// The header that each change by a person must contain.
 const CSRF: &str = "x-csrf-token";
-/// The content security policy: nothing is fetched from elsewhere, executed from inline text, or framed.
+/// The content security policy: nothing is loaded from other sites, no inline script is executed, and the page cannot
+/// be framed by other sites.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; frame-src 'self'; \
                       form-action 'self'; base-uri 'none'; frame-ancestors 'none'";
 
@@ -68,7 +69,8 @@ pub(super) async fn pass(
     next.run(request).await
 }
 
-/// Returns whether a page makes this request without a person: such a request keeps no session alive.
+/// Returns whether a page makes this request automatically, without a person: such a request does not extend a
+/// session.
 fn is_by_itself(path: &str) -> bool {
     ["/events", "/frame.jpg", "/now.json", "/review"].contains(&path) || path.starts_with("/assets/")
 }
@@ -90,8 +92,9 @@ fn visitor(web: &Web, headers: &HeaderMap, from: SocketAddr, is_action: bool) ->
     }
 }
 
-/// Returns the refusal of a change that does not come from our own page. A browser states where the request comes
-/// from, or names the page's own host as the origin; and for a logged-in person the page has the session's token.
+/// Returns the refusal of a change that does not come from our own page. A browser states the site from which the
+/// request comes, or names the page's own host as the origin; and for a logged-in person the page has the session's
+/// token.
 fn foreign(headers: &HeaderMap, visitor: &Visitor, access: Access) -> Option<Response> {
     let text = |name: &str| headers.get(name).and_then(|value| value.to_str().ok());
     let host = text("host").unwrap_or("");
@@ -170,5 +173,5 @@ pub(super) async fn headers(State(web): State<Arc<Web>>, request: Request<Body>,
     response
 }
 
-/// The visitor, in a handler.
+/// The visitor, as a handler receives it.
 pub(super) type By = Extension<Visitor>;

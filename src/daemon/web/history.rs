@@ -68,7 +68,7 @@ impl SearchForm {
         })
     }
 
-    /// Returns the query as written in an address.
+    /// Returns the search as the query part of an address.
     fn address(&self) -> String {
         let fields = [
             ("part", &self.part),

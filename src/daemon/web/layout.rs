@@ -125,7 +125,7 @@ pub(super) fn local(unix_ms: i64) -> Markup {
     html! { time data-ms=(unix_ms) { (utc(unix_ms.div_euclid(1_000))) } }
 }
 
-/// Returns a page about an error outside the page itself.
+/// Returns a page that reports an error in making the requested page.
 pub(super) fn failed(visitor: &Visitor, error: &dyn std::fmt::Display) -> Response {
     tracing::warn!("the page could not be made: {error}");
     let words = visitor.language();

@@ -18,7 +18,7 @@ use tokio::sync::watch;
 
 /// Interval at which the loop is polled.
 const POLL_INTERVAL: Duration = Duration::from_millis(200);
-/// Without a change, longest time until a page is informed that all is well.
+/// Longest time without a change until the connected pages are informed that the server is still working.
 const KEEP_ALIVE_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Polls the loop and reports changes, until no receiver is left.
@@ -28,11 +28,10 @@ pub(super) async fn follow(gateway: Gateway, frames: Arc<Frames>, tell: watch::S
         let reply = gateway.request(RequestKind::State, Who::by(RequestSource::Page)).await;
         let was = tell.borrow().clone();
         let now = match reply.state {
-            // There is no viewer if the page itself is the only receiver: then no picture is requested, and none is
-            // made.
+            // If the page itself is the only receiver, there is no viewer: then no picture is requested or made.
             Some(_) if tell.receiver_count() <= 1 => Live::from_reply(reply, (was.frame, was.frame_name.clone())),
             Some(_) => Live::from_reply(reply, frames.newest()),
-            // The last known values stay, with their time.
+            // The last known values are retained, with their time.
             None => Live { answers: false, reasons: reply.reasons, possible: vec![], ..(*was).clone() },
         };
         if !now.says_the_same(&was) || told.elapsed() >= KEEP_ALIVE_INTERVAL {
@@ -45,9 +44,9 @@ pub(super) async fn follow(gateway: Gateway, frames: Arc<Frames>, tell: watch::S
     }
 }
 
-/// The events of a page: the state of the cell, now and at each change. A browser that does not read uses nothing
-/// but its connection: it gets the newest state when it reads again. If there are too many viewers, the one that
-/// has watched for longest gives way; a browser reconnects automatically.
+/// The events of a page: the state of the cell, now and at each change. A browser that does not read occupies only its
+/// connection: it receives the newest state when it reads again. If there are too many viewers, the one that has
+/// watched for longest gives way; a browser reconnects automatically.
 pub(super) async fn events(
     State(web): State<Arc<Web>>,
     ConnectInfo(from): ConnectInfo<SocketAddr>,

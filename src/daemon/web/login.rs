@@ -24,8 +24,8 @@ pub(super) struct Next {
     next: String,
 }
 
-/// Returns the path if it is on this page, otherwise `/`: a log-in leads to no other site. A browser removes tabs
-/// and line feeds from an address before it reads it, so that `/<tab>/host` would be another host.
+/// Returns the path if it is on this page, otherwise `/`: a log-in must not lead to another site. A browser removes
+/// tabs and line feeds from an address before it uses the address, so that `/<tab>/host` would be another host.
 fn own_path(next: &str) -> &str {
     let is_own = next.starts_with('/')
         && !next.starts_with("//")

@@ -19,7 +19,7 @@ pub(super) async fn json(Extension(visitor): By, Path(code): Path<String>) -> An
     }
 }
 
-/// Returns the reasons as one text, each in the person's language first.
+/// Returns the reasons as one text, each first explained in the person's language.
 pub(super) fn text(words: Language<'_>, reasons: &[Reason]) -> String {
     let one = |reason: &Reason| match words.message(&reason.code).filter(|_| !words.is_english()) {
         Some((cause, remedy)) => format!("{cause} {remedy} ({})", reason.message),

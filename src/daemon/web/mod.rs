@@ -1,5 +1,5 @@
-//! The operator's page: a second front on the service's requests and states, in a browser. It makes no decisions
-//! for the cell.
+//! The operator's page: a second front on the service's requests and states, in a browser. It makes no decisions for
+//! the cell.
 //!
 //! ```text
 //! browser ─ TLS ─ server ─ guard (session, origin, role) ─ routes (the one table) ─ views
@@ -7,12 +7,12 @@
 //! the loop ─ state, five times a second ─ live ─ events ───┘
 //! ```
 //!
-//! It runs on a thread and a runtime of its own, and reads the store by a connection of its own. Whatever browsers
-//! do, the loop, the robot's link and the cameras never wait for them. Stop and abort need no log-in, are kept in
-//! the record like every request, and are no emergency stop. Nothing is fetched from elsewhere.
+//! It runs on a thread and a runtime of its own, and reads the store through its own connection. The loop, the robot's
+//! link and the cameras never wait for a browser. Stop and abort need no log-in, are recorded like every request, and
+//! are not an emergency stop. Nothing is loaded from other sites.
 //!
-//! `words` (languages) · `sessions` · `tls` · `state` (what handlers share) · `assets` · `layout` (the frame of
-//! each page) · and a file for each page.
+//! `page_texts` (languages) · `sessions` · `tls` · `state` (the data that handlers share) · `assets` · `layout` (the
+//! frame of each page) · and a file for each page.
 
 mod access;
 mod alarms;

@@ -1,8 +1,9 @@
-//! The page's words: one table, a column for each language. A further language is a further column, without code.
+//! The page's texts: one translation table with a column for each language. A further language is a further column and
+//! needs no code.
 //!
-//! Messages of the program are English sentences with their values, each with a code. The table also contains what
-//! a code means and what to do (`message.CODE.cause`, `message.CODE.remedy`), from the manual's pages of messages.
-//! A further table may leave those keys out; the English texts are then used.
+//! Messages of the program are English sentences with their values, each with a code. The table also contains the
+//! meaning of each code and the remedy (`message.CODE.cause`, `message.CODE.remedy`), from the manual's pages of
+//! messages. A further table may leave these keys out; the English texts are then used.
 
 use crate::history::{codes, row};
 use std::collections::BTreeMap;
@@ -15,7 +16,7 @@ const MORE: [&str; 1] = [crate::page::drawing::canvas::WORDS];
 /// The text with which the keys of messages begin.
 const MESSAGE: &str = "message.";
 
-/// Why a table of words cannot be used.
+/// Why a translation table cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("line {line}: {problem}")]
 pub struct WordsError {
@@ -40,10 +41,10 @@ pub struct Language<'w> {
 }
 
 impl Words {
-    /// Reads the program's own table, with the columns of a further one, if there is one.
+    /// Reads the program's own translation table, with the columns of a further one, if there is one.
     ///
     /// # Errors
-    /// If a table is no CSV, or lacks a key that the program's own one has.
+    /// If a table is not a valid CSV file, or lacks a key that the program's own table has.
     pub fn read(more: Option<&str>) -> Result<Self, WordsError> {
         let mut words = Self::parsed(TABLE)?;
         for more in MORE {
@@ -113,7 +114,7 @@ impl Words {
     }
 }
 
-/// Returns what every code means and what to do, in each language that has a page of messages, otherwise in
+/// Returns the meaning of every code and the remedy, in each language that has a page of messages, otherwise in
 /// English.
 fn messages(languages: &[String]) -> BTreeMap<String, Vec<String>> {
     let mut table = BTreeMap::new();
@@ -142,7 +143,7 @@ impl<'w> Language<'w> {
         self.name() == "en"
     }
 
-    /// Returns the word for this key; the key itself if there is none, so that a test finds it.
+    /// Returns the text for this key; the key itself if there is no text, so that a test finds the gap.
     pub fn word(&self, key: &'w str) -> &'w str {
         self.words.table.get(key).and_then(|row| row.get(self.column)).map_or(key, String::as_str)
     }

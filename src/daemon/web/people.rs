@@ -134,7 +134,7 @@ fn account(changed: &Changed, former: Option<&Account>) -> Result<Account, Strin
     Account::checked((name, printed_name), (*role, *is_enabled), (password, salt), former)
 }
 
-/// Returns whether no one could change accounts any more.
+/// Returns whether, after this change, no account would be left that may change accounts.
 fn leaves_nobody(accounts: &BTreeMap<String, Account>, changed: &Account) -> bool {
     let may = |account: &Account| account.is_enabled && account.role.may(Permission::ManagePeople);
     !may(changed) && !accounts.values().any(|other| other.name != changed.name && may(other))

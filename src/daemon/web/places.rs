@@ -3,10 +3,10 @@
 use crate::daemon::slots::{Most, Slots};
 use std::net::{IpAddr, Ipv6Addr};
 
-/// Largest number of connections at one time. If there is no room, the one that has been silent for longest gives
-/// way to a new one.
+/// Largest number of connections at one time. If all are in use, the one that has been silent for longest gives way to
+/// a new one.
 pub(super) const CONNECTIONS: Most = Most { of_one: 256, of_all: 512 };
-/// Of all connections, the largest number of those that follow the events, which have no end.
+/// Largest number of connections among these that may follow the events, a response without an end.
 pub(super) const LOOKERS: Most = Most { of_one: 64, of_all: 192 };
 
 /// Places of connections, by their owners.

@@ -39,7 +39,7 @@ pub(super) async fn doing<T: Send + 'static>(
     }
 }
 
-/// Returns the response if the thread that worked has ended: its panic is in the log.
+/// Returns the error response for a thread that panicked; the panic is in the log.
 pub(super) fn ended() -> Response {
     StatusCode::INTERNAL_SERVER_ERROR.into_response()
 }

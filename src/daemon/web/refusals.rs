@@ -1,5 +1,6 @@
-//! Refused requests of logged-in people in the audit trail. A page that repeats such requests writes a few lines
-//! and one that counts the others, so that requests that are not permitted keep no disk busy.
+//! Lines of the audit trail about refused requests of logged-in people. If a page repeats such requests, only a few
+//! lines are written, and one more that counts the others, so that requests that are not permitted do not keep the
+//! disk busy.
 
 use crate::accounts::{AuditEntry, LineLimit, MostLines};
 use std::collections::BTreeMap;
@@ -20,7 +21,7 @@ impl Refusals {
         limit.allows(true)
     }
 
-    /// Returns the lines that count what was left out in minutes that are over.
+    /// Returns, for the minutes that have passed, the lines that count the lines left out.
     pub fn over(&mut self, now_ms: u64) -> Vec<AuditEntry> {
         let mut counted = Vec::new();
         self.0.retain(|_, (limit, last)| {

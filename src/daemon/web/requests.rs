@@ -65,7 +65,7 @@ pub(super) async fn clear(
     requested(&web, &visitor, RequestKind::Decided { request: cycle::Request::Clear, step }).await
 }
 
-/// Accepts the result that waits for review as good.
+/// Accepts a result that waits for review.
 pub(super) async fn accept(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
@@ -131,7 +131,7 @@ pub(super) struct Start {
     serial: String,
     #[serde(default)]
     order: String,
-    /// Whether another part than in the earlier cycles is in the cell.
+    /// Whether the part in the cell is not the part of the earlier cycles.
     #[serde(default)]
     another_part: bool,
 }

@@ -1,5 +1,5 @@
-//! The one table of routes: each route with its method and who may use it. A route that is not in the table is not
-//! served.
+//! The table of all routes: each route with its method and the access that it needs. A route that is not in the table
+//! is not served.
 
 use super::access::{Access, Method, Route};
 use super::state::Web;

@@ -148,7 +148,7 @@ pub(super) async fn frame(State(web): State<Arc<Web>>) -> Response {
     }
 }
 
-/// Returns the cycle that runs or ran last, as far as its record reaches: its part, and the state of each grid.
+/// Returns the current cycle, or the last one, from its record so far: its part, and the state of each grid.
 pub(super) async fn now(State(web): State<Arc<Web>>, Extension(visitor): By) -> Answer {
     let cycle = web.live.borrow().cycle;
     let Some(id) = cycle.map(CycleId) else {
@@ -159,7 +159,7 @@ pub(super) async fn now(State(web): State<Arc<Web>>, Extension(visitor): By) -> 
     Ok(Json(json!({ "part": part, "grids": grids })).into_response())
 }
 
-/// Shows the question to a person: the numbers in question and the pictures, next to the buttons.
+/// Shows the question for a person's decision: the numbers in question and the pictures, next to the buttons.
 pub(super) async fn review(State(web): State<Arc<Web>>, Extension(visitor): By) -> Answer {
     let cycle = web.live.borrow().cycle;
     let Some(id) = cycle.map(CycleId) else { return Err(not_found().await) };

@@ -1,6 +1,6 @@
 //! The newest cycle in three dimensions: the scan's points as bytes, the planned paths and their executed parts as
-//! JSON, and the part of a page that shows them. If the browser cannot draw it, the text next to it states the
-//! same.
+//! JSON, and the part of a page that shows them. If the browser cannot draw the scene, the text next to the scene
+//! states the same.
 
 use super::guard::not_found;
 use super::page_texts::Language;
@@ -18,7 +18,7 @@ use maud::{Markup, html};
 use serde_json::{Value, json};
 use std::sync::Arc;
 
-/// Returns the number of the newest cycle, if that one is requested.
+/// Returns the number of the newest cycle, if the requested cycle is the newest one.
 fn newest(web: &Web, number: &str) -> Option<CycleId> {
     let asked: i64 = number.parse().ok()?;
     web.live.borrow().cycle.filter(|newest| *newest == asked).map(CycleId)
@@ -67,7 +67,7 @@ fn executed(record: &CycleRecord, plan: u64) -> u32 {
     of_plan.filter_map(|motion| motion.contact.as_ref()).map(|contact| contact.told).max().unwrap_or(0)
 }
 
-/// Returns the part of a page that shows it, once it is opened; with no cycle if the script names the cycle.
+/// Returns the part of a page that shows the scene when a person opens it; with `None`, the script selects the cycle.
 pub(super) fn shown(words: Language<'_>, cycle: Option<CycleId>) -> Markup {
     let word = |key| words.word(key);
     html! {

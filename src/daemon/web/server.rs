@@ -36,7 +36,7 @@ use tokio::sync::{Semaphore, oneshot, watch};
 use tokio::time::{sleep, timeout};
 use tokio_rustls::TlsAcceptor;
 
-/// Largest number of connections that must give way and are still read: a request that was written meanwhile is
+/// Largest number of connections that must give way and are still read: a request that was sent in the meantime is
 /// processed.
 const MAX_DRAINING: usize = 64;
 /// How long a connection that must give way is still read.
@@ -76,11 +76,11 @@ pub struct OperatorPage {
 }
 
 impl OperatorPage {
-    /// Serves the page; `None` if the cell's file names no address. If an address is not available now, since
-    /// another program uses it or the network is down, it tries again: the cell does not wait for its page.
+    /// Serves the page; `None` if the cell's file names no address. If an address is not available now, since another
+    /// program uses it or the network is down, it tries again: the cell does not wait for its page.
     ///
     /// # Errors
-    /// If the certificate or the file of words cannot be used, or the system refuses.
+    /// If the certificate or the translation table cannot be used, or the system refuses.
     pub fn serve(parts: PageParts) -> Result<Option<Self>, PageError> {
         let PageParts { page, folder, front, view, records } = parts;
         let gateway = front.gateway.clone();

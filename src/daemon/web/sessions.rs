@@ -1,4 +1,4 @@
-//! Sessions of people who logged in. They live in memory: a restart of the service ends them all.
+//! Sessions of people who logged in. They are stored in memory only: a restart of the service ends all of them.
 
 use crate::accounts::Role;
 use sha2::{Digest, Sha256};
@@ -39,7 +39,7 @@ pub struct Holder {
     pub stamp: String,
 }
 
-/// The hash of a token: with a copy of the memory no one can log in, and the time of a lookup reveals nothing about
+/// The hash of a token: a copy of the memory does not allow a log-in, and the time of a lookup reveals nothing about
 /// the token.
 type Key = [u8; 32];
 
@@ -56,14 +56,14 @@ fn key(token: &str) -> Key {
 }
 
 impl Sessions {
-    /// Creates an empty set; a session ends after this many seconds without a request, and an account has at most
-    /// this many sessions.
+    /// Creates an empty set of sessions; a session ends after `idle_s` seconds without a request, and an account has
+    /// at most `of_account` sessions.
     pub fn new(idle_s: f64, of_account: usize) -> Self {
         Sessions { open: BTreeMap::new(), idle_s, of_account }
     }
 
-    /// Begins a session under a new token. If this account has too many sessions, the session that was silent for
-    /// longest ends.
+    /// Begins a session under a new token. If this account then has too many sessions, the session without a request
+    /// for the longest time ends.
     pub fn begin(&mut self, (token, csrf): (&str, String), who: Holder, now_s: f64) {
         self.forget(now_s);
         let Holder { name, printed_name, role, stamp } = who;

@@ -147,7 +147,7 @@ pub(super) struct Text {
     text: String,
     #[serde(default)]
     why: String,
-    /// SHA-256 of the text that was changed into this one; empty if that is not known.
+    /// SHA-256 of the text on which the change is based; empty if it is not known.
     #[serde(default)]
     before: String,
 }
@@ -194,11 +194,11 @@ pub(super) async fn save(
     }
 }
 
-/// Stores the text after this line's change as the recipe. It is compared with the text that was read, reported to
-/// the audit trail and written as one step. So of two people who save at one time the second is informed. Nothing
-/// is written that the audit trail does not have.
+/// Stores the text after this line's change as the recipe. In one locked step, the present text is compared with the
+/// text on which the change is based, the change is written to the audit trail, and the recipe is written. So if two
+/// people save at the same time, the second one is informed. Nothing is written that is not in the audit trail.
 fn kept(web: &Web, name: &str, line: AuditEntry, (read, changed): (&str, &str)) -> Result<(), String> {
-    // A thread that panicked here has left nothing half done: a file is written whole.
+    // A panic of another thread under this lock leaves nothing incomplete: a file is written as a whole.
     let _turn = web.saving.lock().unwrap_or_else(PoisonError::into_inner);
     let setup = &web.front.setup;
     let text = line.after.clone().unwrap_or_default();

@@ -1,5 +1,5 @@
 //! Checks whether a session's account is unchanged since the session began. The account may have been disabled, or
-//! given another role or password: at another page, at the terminal, or while the person was logging in.
+//! given another role or password: on another page, on the terminal, or while the person was logging in.
 
 use super::visitor::Person;
 use crate::daemon::people::{People, stamp};
@@ -8,7 +8,8 @@ use std::sync::Arc;
 use tokio::sync::Mutex;
 use tokio::task::spawn_blocking;
 
-/// Shortest time between two readings of the accounts for this, s, unless one has changed.
+/// Shortest time between two readings of the accounts for this check, s. If the last reading does not confirm a
+/// session, the accounts are read again at once.
 const MIN_READ_INTERVAL_S: f64 = 1.0;
 
 /// The accounts as they were read last; `None` before the first reading.
@@ -29,7 +30,7 @@ impl Known {
 }
 
 impl Stamps {
-    /// Returns whether this person's session is still valid. From time to time, this waits for the store's disk.
+    /// Returns whether this person's session is still valid. It may wait for the store's disk.
     pub async fn count(&self, people: &Arc<People>, person: &Person) -> bool {
         let mut known = self.0.lock().await;
         let read_s = people.now_s();

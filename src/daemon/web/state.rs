@@ -27,9 +27,9 @@ pub(super) struct Web {
     pub records: Arc<dyn RecordSource>,
     /// Whether the page uses TLS.
     pub is_tls: bool,
-    /// The hosts by which a page without TLS may be requested.
+    /// The host names under which a page without TLS may be requested.
     pub hosts: Option<[String; 2]>,
-    /// Held while a person has the whole cell examined.
+    /// Locked while a person runs an examination of the whole cell.
     pub examining: Semaphore,
     /// The last pictures of the cameras between cycles.
     pub views: Views,
@@ -98,7 +98,8 @@ impl Web {
         }
     }
 
-    /// Records the lines that count the refusals of minutes that are over by this time. Runs on the calling thread.
+    /// Records the lines that count the refusals of the minutes that have passed by this time. It runs on the calling
+    /// thread.
     pub fn count_refusals(&self, now_ms: u64) {
         let counted = self.refusals().over(now_ms);
         counted.iter().for_each(|line| self.audit(line));
@@ -130,13 +131,13 @@ impl Web {
         self.front.people.write(write)
     }
 
-    /// Writes a line of the audit trail; if the disk refuses, the line is in the service's log.
+    /// Writes a line of the audit trail; if the disk refuses, the line is written to the service's log.
     pub fn audit(&self, entry: &AuditEntry) {
         self.front.people.audit(entry);
     }
 }
 
-/// Returns the text that an account's password may not be tried for this many more seconds, after wrong ones.
+/// Returns the text that log-in to the account is blocked for this many more seconds after wrong passwords.
 pub(super) fn pauses(left_s: f64, words: Language<'_>) -> String {
     format!("{} {:.0} s", words.word("login.pauses"), left_s.ceil())
 }

@@ -44,7 +44,7 @@ pub(super) const PASSWORD: &str = "correct horse";
 /// One hash for all, since it needs a while.
 static HASH: LazyLock<String> = LazyLock::new(|| accounts::hashed(PASSWORD, "nobody", [3; 16]).expect("allowed"));
 
-/// A correct recipe, with a comment that must stay.
+/// A correct recipe, with a comment that must not be lost.
 pub(super) const DOOR: &str = "panel = \"door\" # the left one\n\n[locate]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [900, 900, 900]\n\n\
                                [region]\ncorners_px = [[10, 10], [90, 10], [90, 60], [10, 60]]\nrows = 2\ncolumns = 3\n";
 
@@ -85,7 +85,7 @@ impl SetupSource for Source {
         if let Some(problem) = self.problems(name, text).pop() {
             return Err(problem);
         }
-        // A disk needs some time.
+        // Simulates the time that a disk needs.
         thread::sleep(Duration::from_millis(50));
         *self.door.lock().expect("whole") = Some(text.to_owned());
         Ok(Some("before".to_owned()))
@@ -218,7 +218,7 @@ impl PageFixture {
         PageFixture { router: router.layer(axum::Extension(from)), web, gateway, asked, folder }
     }
 
-    /// Returns the parts of the same page for its own server.
+    /// Returns the parts from which a real server of the same page is started.
     pub fn parts(&self, page: crate::cell::Page) -> PageParts {
         let (folder, gateway) = (self.folder.path().join("store"), self.gateway.clone());
         let people = Arc::new(People::new(folder.clone()));

@@ -1,4 +1,4 @@
-//! Trends: the development of a panel's number over its cycles, and the places at which its film breaks.
+//! Trends: the development of one quantity of a panel over its cycles, and the locations at which its film breaks.
 
 use super::downloads;
 use super::guard::By;
@@ -50,7 +50,8 @@ impl TrendQuery {
         Ok(newest.or_else(|| panels.first().cloned()).unwrap_or_default())
     }
 
-    /// Returns the selected number's name: a typed name of a check has priority over the list of numbers.
+    /// Returns the name of the selected number: a check's name that was typed in has priority over the list of
+    /// numbers.
     fn name(&self) -> String {
         let names = [self.check.trim(), self.name.as_str(), Known::LocalizationResidual.word()];
         names.into_iter().find(|name| !name.is_empty()).unwrap_or_default().to_owned()

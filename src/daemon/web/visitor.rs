@@ -12,7 +12,7 @@ pub(super) struct Visitor {
     pub from: String,
     /// The person, if one is logged in.
     pub person: Option<Person>,
-    /// The language that was chosen; the next field has those that the browser prefers.
+    /// The language that was chosen; the next field has the languages that the browser prefers.
     pub chosen: Option<String>,
     pub accepted: Option<String>,
     pub words: Arc<Words>,
@@ -36,13 +36,12 @@ impl Visitor {
         self.words.language(self.chosen.as_deref(), self.accepted.as_deref())
     }
 
-    /// Returns the visitor in the form in which the service records who requested something.
+    /// Returns the visitor in the form in which the service records the author of a request.
     pub fn who(&self) -> Who {
         Who { front: RequestSource::Page, uid: None, user: self.person.as_ref().map(|person| person.name.clone()) }
     }
 
-    /// Returns whether the visitor's role permits it; a visitor who is not logged in may do nothing that needs a
-    /// role.
+    /// Returns whether the visitor's role has this permission; a visitor who is not logged in has none.
     pub fn may(&self, permission: Permission) -> bool {
         self.person.as_ref().is_some_and(|person| person.role.may(permission))
     }

@@ -18,7 +18,7 @@ const CONNECT_TIMEOUT: Duration = Duration::from_millis(1_000);
 const RECONNECT_DELAY: Duration = Duration::from_millis(300);
 /// Longest time until the thread checks for new commands and sends them.
 const COMMAND_POLL_INTERVAL: Duration = Duration::from_millis(5);
-/// Longest time between two reports of the thread that it works.
+/// Longest time between two life signs of the thread.
 const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Why no link was started.
@@ -133,7 +133,7 @@ impl LinkThread {
                 Ok(stream) => self.keep(stream, sign, &mut told),
                 Err(error) => Some(Loss::Unreachable { problem: error.to_string() }),
             };
-            // A loss that is the same each time is reported once.
+            // A repeated loss for the same reason is reported only once.
             if let Some(loss) = loss.filter(|loss| told.as_ref() != Some(loss)) {
                 self.shared.lock().loss = Some(loss.clone());
                 told = Some(loss);
@@ -154,7 +154,7 @@ impl LinkThread {
         Ok(stream)
     }
 
-    /// Runs one session to its end.
+    /// Runs a session on this connection until its end.
     fn keep(&self, mut stream: TcpStream, sign: &Supervised, told: &mut Option<Loss>) -> Option<Loss> {
         let mut session = Session::new(self.limits.clone());
         let login = session.connected(self.now());

@@ -1,10 +1,10 @@
-//! A mock of the tool: bytes in, bytes out, and an actuator between them. It shares nothing with the session but
-//! the format.
+//! A mock of the tool: bytes in, bytes out, and an actuator between them. The mock and the session have only the data
+//! format in common.
 //!
 //! The actuator moves out or back at a bounded speed, until its stroke or the panel ends the motion. In contact it
-//! presses with the commanded force, to which the weight of its payload is added according to its attitude. Its
-//! sensor reports the actuator's force, off by a small zero error, with noise that depends on the time alone, so
-//! that two runs are the same.
+//! presses with the commanded force, to which the weight of its payload is added according to its attitude. Its sensor
+//! reports the actuator's force with a small zero error and with noise that depends only on the time, so that two runs
+//! are equal.
 
 use crate::cell::CompliantTool;
 
@@ -26,7 +26,7 @@ pub struct Surrounding {
     /// The extension at which the disc touches, mm; infinite if nothing is in front of it, negative if the arm
     /// pushes it against its stop.
     pub touches_at_mm: f64,
-    /// How far the tool points down, −1…1.
+    /// The downward component of the tool's direction, −1…1.
     pub downwards: f64,
 }
 
@@ -45,9 +45,9 @@ pub enum ToolFault {
     OtherId,
     /// It reports these errors, as bits.
     Errors(u8),
-    /// It presses with this much more, N, than commanded.
+    /// The mock presses with this much more force than commanded, N.
     ForceOff(f64),
-    /// It reports that there is no contact, whatever the truth is.
+    /// The mock always reports that there is no contact.
     NoContact,
     /// The tool's actuator does not move any more.
     Stuck,
@@ -86,7 +86,7 @@ impl MockAcf {
         }
     }
 
-    /// Has this fault from now on; `None` means no fault.
+    /// Sets the fault that the mock has from now on; `None` means no fault.
     pub fn breaks(&mut self, fault: Option<ToolFault>) {
         self.fault = fault;
     }
@@ -115,7 +115,7 @@ impl MockAcf {
             let most_mm = SPEED_MM_S * passed_s;
             let goal_mm = if total_n > 0.0 { touches_at_mm.min(self.tool.stroke_mm) } else { 0.0 };
             let step_mm = (goal_mm - self.position_mm).clamp(-most_mm, most_mm);
-            // The panel pushes the actuator in as fast as the arm comes.
+            // The panel pushes the actuator in as fast as the arm approaches.
             self.position_mm = (self.position_mm + step_mm).min(touches_at_mm).max(0.0);
         }
         let pushed_mm = self.position_mm - touches_at_mm;
@@ -168,7 +168,7 @@ impl MockAcf {
         format!("{id} {:.2} {:.2} {contact} {errors}k", self.sensor_n, self.position_mm).into_bytes()
     }
 
-    /// Returns the bytes that it has sent by now; `None` if the connection is cut.
+    /// Returns the bytes that the mock has sent by now; `None` if the connection is cut.
     pub fn sent(&mut self, now_ms: u64) -> Option<Vec<u8>> {
         if self.fault == Some(ToolFault::LinkCut) {
             return None;

@@ -7,7 +7,7 @@ use std::str::FromStr;
 const LATE_MS: u64 = 130;
 const FORCE_OFF_N: f64 = 12.0;
 
-/// A fault, and the waypoint from which on the tool has the fault.
+/// A fault, and the number of waypoints after which the tool has the fault.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlannedToolFault {
     /// What goes wrong.

@@ -21,7 +21,7 @@ pub struct MockAcfServer {
 }
 
 impl MockAcfServer {
-    /// Starts to listen, with the panel this far in front of the tool, mm, and the tool level.
+    /// Starts to listen, with the panel at this distance in front of the tool, mm, and the tool level.
     ///
     /// # Errors
     /// If there is no port or thread.

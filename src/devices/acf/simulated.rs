@@ -14,12 +14,12 @@ use crate::geometry::{Flange, Rigid, Tool};
 const STEP_MS: u64 = 5;
 /// Time after which a lost link is tried again, ms.
 const RECONNECT_DELAY_MS: u64 = 500;
-/// If a disc is farther outside of the panel's outline than this, nothing is in front of it, mm.
+/// Distance outside the panel's outline, mm, beyond which nothing is in front of the disc.
 const BESIDE_MM: f64 = 15.0;
 
 /// The source of the tool's surroundings.
 pub trait Surroundings: Send {
-    /// Returns its present surroundings; `None` if they are not known yet.
+    /// Returns the tool's present surroundings; `None` if they are not known yet.
     fn now(&mut self) -> Option<Surrounding>;
     /// Returns the fault that the tool has now.
     fn fault(&mut self) -> Option<ToolFault> {
@@ -135,8 +135,8 @@ impl SimulatedPanel {
         SimulatedPanel { world, arm, flange_from_tool, stroke_mm, planned: None }
     }
 
-    /// Returns the same tool with a fault on the way. A controller in another process does not report how far it
-    /// came; the tool then has no fault.
+    /// Returns the same panel with a planned fault of the tool. A controller in another process does not report its
+    /// progress on the path; the tool then has no fault.
     #[must_use]
     pub fn failing(self, planned: Option<PlannedToolFault>) -> Self {
         SimulatedPanel { planned, ..self }

@@ -17,7 +17,7 @@ fn started(server: &MockAcfServer) -> AcfLink {
     AcfLink::start(&tool(), &address).expect("a thread")
 }
 
-/// Returns the expected news that comes within four seconds, and the time until then.
+/// Returns the expected report if it arrives within four seconds, and the time until then.
 fn wait(link: &mut AcfLink, wanted: impl Fn(&ToolReport) -> bool) -> (ToolReport, Duration) {
     let began = Instant::now();
     while began.elapsed() < Duration::from_secs(4) {
@@ -29,7 +29,7 @@ fn wait(link: &mut AcfLink, wanted: impl Fn(&ToolReport) -> bool) -> (ToolReport
     panic!("nothing came");
 }
 
-/// A tool that is commanded to press presses, with its force and position read back.
+/// After a command to press, the tool presses, and its force and position are read back.
 #[test]
 fn a_tool_over_a_socket_presses_as_it_is_told() {
     let server = MockAcfServer::start(&tool(), 15.0).expect("a port");
@@ -43,8 +43,8 @@ fn a_tool_over_a_socket_presses_as_it_is_told() {
     assert!(reading.contact && (reading.position_mm - 15.0).abs() < 0.1 && age_ms < 200, "{reading:?} {age_ms}");
 }
 
-/// Each fault of the link is reported by its name within the reply's deadline and the delay of a busy machine; the
-/// link comes back.
+/// Each fault of the link is reported by its name within the reply's deadline and the delay of a busy machine; then
+/// the link is established again.
 #[test]
 fn each_fault_of_the_link_is_told_and_mended() {
     let server = MockAcfServer::start(&tool(), 15.0).expect("a port");
@@ -69,8 +69,8 @@ fn each_fault_of_the_link_is_told_and_mended() {
     wait(&mut link, reads);
 }
 
-/// By hand: out at 250 mm/s, 15 mm need 60 ms; then it presses with 20 N and, pointing down, with its 1.5 kg: 34.7
-/// N.
+/// Calculated by hand: at 250 mm/s, the actuator needs 60 ms to extend by 15 mm; then it presses with 20 N and, if it
+/// points down, additionally with its 1.5 kg: 34.7 N.
 #[test]
 fn the_mocks_actuator_goes_out_until_it_touches() {
     let mut mock = MockAcf::new(&tool());

@@ -1,4 +1,4 @@
-//! A compliant tool as the loop uses it: its commands, and its news.
+//! A compliant tool as the loop uses it: its commands and its reports.
 
 use crate::cell::CompliantTool;
 use crate::force::{Loss, Press, Reading, SessionLimits};
@@ -9,22 +9,22 @@ use std::time::Duration;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum ToolReport {
-    /// Its report, with its age, ms.
+    /// A reading, with its age, ms.
     Reading {
         /// Its report.
         reading: Reading,
         /// When, ms ago.
         age_ms: u32,
     },
-    /// Its link is lost; reported once.
+    /// The link to the tool is lost; reported once.
     Lost(Loss),
 }
 
-/// A compliant tool at the end of a link. No call blocks for an answer of the tool.
+/// A compliant tool that is connected by a link. No call blocks for an answer of the tool.
 pub trait ConnectedTool: Send {
-    /// Commands the force with which it presses from now on.
+    /// Commands the force with which the tool presses from now on.
     fn press(&mut self, press: Press);
-    /// Returns the news about it; `None` if there is none.
+    /// Returns the next report of the tool; `None` if there is none.
     fn news(&mut self) -> Option<ToolReport>;
 }
 

@@ -1,14 +1,14 @@
 //! The simulated cell's cameras in front of calibration boards: held by hand, on the flange, or fixed.
 //!
-//! The arm is the mock controller's if it moves; without one a simulated person brings it to a new pose for each
-//! picture. The truth about the boards stays in here.
+//! If the arm moves, it is the mock controller's arm; without an arm, a simulated person moves the board or the camera
+//! to a new pose for each picture. The true poses of the boards do not leave this module.
 
 use super::CameraError;
 use crate::devices::mock::MockHandle;
 use crate::geometry::{Base, Camera, ColorPicture, Flange, OrganizedCloud, Rigid};
 use crate::sim::{BoardCell, BoardShot, ScannerDistortion};
 
-/// Which camera is used, and the place of the board.
+/// The camera that is used, and how the board is mounted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BoardView {
     /// The fixed camera; a person holds the board in front of it.

@@ -27,7 +27,7 @@ pub struct Picture {
 pub struct FlangePicture {
     /// The picture.
     pub picture: ColorPicture,
-    /// The pose of the flange at that instant, if the camera's source knows it; a camera alone does not.
+    /// The pose of the flange at that time, if the source of the picture knows it; a real camera does not.
     pub base_from_flange: Option<Rigid<Base, Flange>>,
     /// When, s.
     pub time_s: f64,
@@ -39,36 +39,37 @@ pub struct FlangePicture {
 pub struct Conditions {
     /// The exposure time, µs; the sum if there are several exposures.
     pub exposure_us: Option<f64>,
-    /// The temperature of its lens or, if it has no such sensor, of its housing, °C.
+    /// The temperature of the camera's lens or, if it has no such sensor, of its housing, °C.
     pub camera_c: Option<f64>,
-    /// How long the camera paused before the shot because it is hot, ms.
+    /// Pause before the shot because the camera was too hot, ms.
     pub throttled_ms: Option<f64>,
 }
 
 /// The fixed 3D camera.
 pub trait Scanner: Send {
-    /// Takes points and colours of the scene, by the camera's own light.
+    /// Takes points and colours of the scene, with the camera's own light.
     ///
     /// # Errors
     /// If the camera does not deliver.
     fn capture_3d(&mut self) -> Result<Shot, CameraError>;
 
-    /// Takes a colour picture by the cell's light, as for the film.
+    /// Takes a colour picture with the cell's light, as for the film.
     ///
     /// # Errors
     /// If the camera does not deliver.
     fn capture_2d(&mut self) -> Result<Picture, CameraError>;
 
-    /// Begins a clip: such pictures one after the other, at most this many a second. Any other capture ends it.
-    /// Returns the time, on the clock of the pictures: a picture missing from then on is missing in the clip.
+    /// Begins a clip: colour pictures one after the other, at most this many per second. Any other capture ends the
+    /// clip. Returns the start time on the clock of the pictures: a picture that is missing after this time is a gap
+    /// in the clip.
     ///
     /// # Errors
     /// If the camera does not begin.
     fn begin_clip(&mut self, pictures_per_second: f64) -> Result<f64, CameraError>;
 
-    /// Returns the clip's next picture; `None` if none is due yet. A camera that takes pictures automatically is
-    /// waited for. It drops the oldest of the pictures that are not fetched in time: the times state when each was
-    /// taken.
+    /// Returns the clip's next picture; `None` if none is due yet. If the camera takes pictures automatically, this
+    /// waits for the next one. Of the pictures that are not fetched in time, the oldest are dropped: each picture has
+    /// the time at which it was taken.
     ///
     /// # Errors
     /// If the camera does not deliver, or no clip is being taken.
@@ -80,14 +81,14 @@ pub trait Scanner: Send {
     /// If the camera does not report this, or no clip is being taken.
     fn end_clip(&mut self) -> Result<u64, CameraError>;
 
-    /// Checks whether the camera would deliver. Takes no shot that a cycle needs.
+    /// Checks whether the camera is able to deliver. The check takes no shot that a cycle needs.
     ///
     /// # Errors
-    /// If it would not.
+    /// If the camera is not able to deliver.
     fn check(&mut self) -> Result<(), CameraError>;
 
-    /// Waits while the camera is being started, which may need minutes; its state after that is reported by
-    /// [`Scanner::check`].
+    /// Waits while the camera is being started, which may take minutes; [`Scanner::check`] reports its state
+    /// afterwards.
     fn warm(&mut self) {}
 
     /// Returns what the camera reports about its last shot.
@@ -104,10 +105,10 @@ pub trait FlangeCamera: Send {
     /// If the camera does not deliver.
     fn capture(&mut self) -> Result<FlangePicture, CameraError>;
 
-    /// Checks whether the camera would deliver. Takes no shot that a cycle needs.
+    /// Checks whether the camera is able to deliver. The check takes no shot that a cycle needs.
     ///
     /// # Errors
-    /// If it would not.
+    /// If the camera is not able to deliver.
     fn check(&mut self) -> Result<(), CameraError>;
 
     /// Returns what the camera reports about its last shot.

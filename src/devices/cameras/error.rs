@@ -22,7 +22,7 @@ impl std::fmt::Display for Which {
     }
 }
 
-/// Why there is no shot.
+/// Why a shot could not be taken.
 #[derive(Debug, thiserror::Error)]
 pub enum CameraError {
     /// No camera answers.
@@ -33,7 +33,7 @@ pub enum CameraError {
         /// What was found instead.
         reason: String,
     },
-    /// The camera answers, but no shot came.
+    /// The camera responds, but did not deliver a shot in time.
     #[error("no shot of the {which} within {waited_ms} ms")]
     Timeout {
         /// Which.
@@ -78,7 +78,7 @@ pub enum CameraError {
     /// A 3D shot with the arm in front of the camera.
     #[error("a 3D shot needs the arm at rest in its park pose; {axis_off_deg:.2}° is the farthest axis off, {}", if *moving { "and it moves" } else { "it stands" })]
     ArmInView {
-        /// The deviation from the park pose of the axis that is farthest off, degrees.
+        /// The largest deviation of an axis from the park pose, degrees.
         axis_off_deg: f64,
         /// Whether the arm moves.
         moving: bool,

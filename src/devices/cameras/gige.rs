@@ -23,8 +23,8 @@ pub struct GigeFlangeCamera {
 
 impl GigeFlangeCamera {
     /// Begins to search for the camera that the cell's file names; its pictures must have the size of `calibrated`,
-    /// the camera with this `serial`, if that is known. If it is not present yet, [`FlangeCamera::check`] reports
-    /// this.
+    /// and the camera must have this `serial`, if that is known. If the camera is not present yet,
+    /// [`FlangeCamera::check`] reports this.
     ///
     /// # Errors
     /// If the system provides no thread.
@@ -88,7 +88,8 @@ const SERIAL: &str = "SIMULATED";
 
 /// The simulated flange camera, with its pictures sent over GigE Vision through the loopback interface.
 pub struct LoopbackFlangeCamera {
-    // Fields are dropped in this order, because the driver waits for a camera that is gone.
+    // The order of the fields is important: `camera` must be dropped first, because its driver waits for a camera that
+    // has disappeared.
     camera: GigeCamera,
     _loopback: LoopbackCamera,
     /// The pixels that the sensor sees.
@@ -97,11 +98,11 @@ pub struct LoopbackFlangeCamera {
 }
 
 impl LoopbackFlangeCamera {
-    /// Starts it; its pictures have the size of `camera`.
+    /// Starts the loopback camera; its pictures have the size of `camera`.
     ///
     /// # Errors
-    /// If the loopback camera's port is in use, it cannot have that size, or the system's sockets have no room for
-    /// a picture.
+    /// If the loopback camera's port is in use, it does not support that size, or the buffers of the system's sockets
+    /// are too small for a picture.
     pub fn start(simulated: SimulatedFlangeCamera, camera: &PinholeCamera) -> Result<Self, CameraError> {
         let size_px = [camera.width_px, camera.height_px];
         let needed = gige::burst_bytes(size_px, gige::PACKET_BYTES);
@@ -142,7 +143,8 @@ impl LoopbackFlangeCamera {
 }
 
 impl FlangeCamera for LoopbackFlangeCamera {
-    /// Renders a picture, streams it and compares: the received bytes are equal to the rendered bytes.
+    /// Renders a picture, sends it through the loopback interface, and checks that the received bytes equal the
+    /// rendered bytes.
     fn capture(&mut self) -> Result<FlangePicture, CameraError> {
         let seen = self.simulated.capture()?;
         let raw = mosaic(&seen.picture, FORMAT);

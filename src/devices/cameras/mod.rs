@@ -1,14 +1,14 @@
 //! The cell's two cameras: the content of a shot, and the sources that deliver it.
 //!
-//! [`PictureQuality`] and [`ScanQuality`] state the quality of a shot. A capture blocks until the shot is available
-//! or an error states why not. Shots carry the time at which they were taken, on the clock of their source; a
-//! picture of a played or simulated flange camera carries the pose of the flange.
+//! [`PictureQuality`] and [`ScanQuality`] state the quality of a shot. A capture blocks until the shot is available or
+//! an error states why not. Shots carry the time at which they were taken, on the clock of their source; a picture of
+//! a played or simulated flange camera carries the pose of the flange.
 //!
 //! - [`SimulatedScanner`], [`SimulatedFlangeCamera`]: the renderer, viewing the simulated world
 //! - [`SimulatedBoards`]: the same cameras in front of a calibration board
 //! - [`RecordedScanner`], [`RecordedFlangeCamera`]: a folder, one file a capture
-//! - [`GigeFlangeCamera`]: a GigE Vision camera on the flange · [`LoopbackFlangeCamera`], [`BayerFlangeCamera`]:
-//!   the simulated one behind a colour sensor's filters, with and without a network between
+//! - [`GigeFlangeCamera`]: a GigE Vision camera on the flange · [`LoopbackFlangeCamera`], [`BayerFlangeCamera`]: the
+//!   simulated camera behind a colour sensor's filters, with and without a network between
 
 mod bayer;
 mod boards;

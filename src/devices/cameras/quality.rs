@@ -60,7 +60,7 @@ pub struct ScanQuality {
     pub points: usize,
     /// Share of pixels without a point.
     pub missing_share: f64,
-    /// Distances along the camera's axis within which 5, 50 and 95 % of the points lie, mm; `None` without points.
+    /// Distances along the camera's axis below which 5, 50 and 95 % of the points lie, mm; `None` without points.
     pub depth_mm: Option<[f64; 3]>,
 }
 
@@ -79,7 +79,7 @@ impl ScanQuality {
     }
 }
 
-/// Returns the value below which this share of all lies; `None` if there are no values.
+/// Returns the quantile of these values for this fraction; `None` if there are no values.
 fn below(values: &mut [f64], share: f64) -> Option<f64> {
     let index = ((values.len() as f64 * share) as usize).min(values.len().checked_sub(1)?);
     Some(*values.select_nth_unstable_by(index, f64::total_cmp).1)
@@ -111,7 +111,7 @@ mod tests {
         assert_eq!((clipped.saturated_share, clipped.dark_share), (0.1, 0.1));
     }
 
-    /// By hand: of six pixels two have no point.
+    /// Calculated by hand: two of six pixels have no point.
     #[test]
     fn missing_points_are_counted() {
         let nan = [f32::NAN; 3];

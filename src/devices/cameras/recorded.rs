@@ -1,10 +1,9 @@
-//! Cameras that play a folder in file order, one file for each capture. If no file is left, that is an error.
+//! Cameras that play a folder in file order, one file for each capture. If no file is left, a capture fails.
 //!
-//! In a scanner's folder, `.pcd` and `.ply` files are the 3D shots; the pictures are those of its `clip.csv`, in
-//! the file's order and with its times. In a flange camera's folder, each picture `NAME.png` has its pose in
-//! `NAME.json`; other pictures are refused, since a corner is measured in each picture. A capture without a
-//! recorded time gets a count as its time: 0, 1, 2 … s. Only names are read ahead, so a folder may contain many
-//! files.
+//! In a scanner's folder, `.pcd` and `.ply` files are the 3D shots; the pictures are those of its `clip.csv`, in the
+//! file's order and with its times. In a flange camera's folder, each picture `NAME.png` has its pose in `NAME.json`;
+//! other pictures are refused, since a corner is measured in each picture. A capture without a recorded time gets a
+//! count as its time: 0, 1, 2 … s. Only names are read ahead, so a folder may contain many files.
 
 use super::{CameraError, FileError, FlangeCamera, FlangePicture, Picture, Scanner, Shot, Which};
 use crate::disk;
@@ -46,7 +45,7 @@ impl<T> Reel<T> {
         ahead.front().map(drop).ok_or_else(out)
     }
 
-    /// Returns the count of the last capture, as a time, s.
+    /// Returns the time of the last capture, which is the count of captures so far, in s.
     fn count_s(&self) -> f64 {
         self.played.saturating_sub(1) as f64
     }
@@ -99,7 +98,8 @@ impl Scanner for RecordedScanner {
     fn capture_3d(&mut self) -> Result<Shot, CameraError> {
         self.takes_clip = false;
         let file = self.clouds.next()?;
-        // The user of the scan compares it with the lens: here that lens may not be calibrated.
+        // Only the size is checked: the stage that uses the scan compares it with the lens, which may not be
+        // calibrated here.
         let size_px = (self.camera.width_px, self.camera.height_px);
         let cloud = match files::read_any_cloud(&read(&file)?, Some(size_px)) {
             Err(CloudFileError::Size { width, height, .. }) => {

@@ -1,6 +1,6 @@
-//! The simulated world's cameras: each capture asks the arm for its time and pose, then has the world rendered at
-//! that time. The arm is a mock controller in this process, or a mock controller in another process that is
-//! followed by its messages.
+//! The simulated world's cameras: each capture queries the arm for its time and pose, then renders the world at that
+//! time. The arm is a mock controller in this process, or a mock controller in another process whose messages are
+//! followed.
 
 use super::{CameraError, FlangeCamera, FlangePicture, Picture, Scanner, Shot, Which};
 use crate::devices::mock::{MockHandle, Sample};
@@ -24,12 +24,13 @@ impl Arm {
         }
     }
 
-    /// Returns the same for callers that take no picture; `None` if nothing was received from the controller yet.
+    /// Returns the time and pose of the arm for callers that take no picture; `None` if nothing was received from the
+    /// controller yet.
     pub(in crate::devices) fn moment_now(&self) -> Option<Moment> {
         self.moment(Which::Flange).ok()
     }
 
-    /// Returns the path of the tool, up to that moment.
+    /// Returns the path of the tool up to this time.
     fn trace(&self, until_ms: u64) -> Vec<Sample> {
         match self {
             Arm::Mock(robot) => robot.with(|controller| {
@@ -78,7 +79,8 @@ pub fn simulated(world: &SimulatedWorld, arm: &Arm) -> (SimulatedScanner, Simula
     )
 }
 
-// The arm is queried first and its lock released: a mock controller calls the world while it is locked.
+// The arm is queried first, and its lock is released before the world is used: a mock controller calls the world while
+// it is locked.
 
 impl SimulatedScanner {
     fn picture(&self) -> Result<Picture, CameraError> {
@@ -110,7 +112,7 @@ impl Scanner for SimulatedScanner {
         Ok(began_ms as f64 / 1e3)
     }
 
-    /// In lock step time stops during a wait for a picture, so nothing waits: the picture is taken when it is due.
+    /// Never waits, since in lock step time stops during a wait: the picture is taken when it is due.
     fn next_of_clip(&mut self) -> Result<Option<Picture>, CameraError> {
         let now_ms = self.arm.moment(Which::Scanner)?.time_ms();
         let clip = self.clip()?;

@@ -1,9 +1,9 @@
 //! Which frames are accepted: complete, of the expected form, newer than the last, and the next in sequence.
 //!
-//! A camera numbers its frames. With 16 bits the numbers run 1…65535 and begin again at 1, with 64 bits they
-//! continue; 0 is no number. Which of the two a camera uses shows when the first number above 65535 comes. A frame
-//! that was lost completely leaves a gap. In a stream the gap is counted. For a still it is a refusal, since it is
-//! not known which exposure the frame shows.
+//! A camera numbers its frames. With 16 bits the numbers run 1…65535 and begin again at 1, with 64 bits they continue;
+//! 0 is not a number. Which of the two a camera uses is known when the first number above 65535 arrives. A frame that
+//! was lost completely leaves a gap. In a stream the gap is counted. In a still the frame is refused, since it is not
+//! known which exposure it shows.
 
 use super::format::PixelFormat;
 
@@ -37,8 +37,8 @@ impl Delivery {
 /// The data of a frame besides its pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Facts {
-    /// How it arrived. Of a frame that is not complete only its number is valid, and only if its first packet came;
-    /// otherwise the number is that of an earlier frame, or 0.
+    /// How the frame arrived. If a frame is not complete, only its number is valid, and only if its first packet
+    /// arrived; otherwise the number is that of an earlier frame, or 0.
     pub delivery: Delivery,
     /// Its number.
     pub id: u64,
@@ -66,7 +66,7 @@ pub struct Expected {
 /// How a gap in the frame numbers is handled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Gaps {
-    /// One frame belongs to each trigger: a frame with any other number than the next one is refused.
+    /// One frame belongs to each trigger: a frame whose number is not the next one is refused.
     Refused,
     /// The camera runs freely: missing frames are counted.
     Counted,
@@ -110,7 +110,7 @@ pub enum Refused {
         /// Number of bytes that the frame's size needs.
         expected: usize,
     },
-    /// By the camera's clock it is no newer than the last.
+    /// By the camera's clock, the frame is not newer than the last one.
     #[error("frame {id} was exposed at {found_ns} ns of the camera's clock, not after the last, {last_ns} ns")]
     NotNewer {
         /// Its number.
@@ -143,14 +143,15 @@ impl Refused {
     }
 }
 
-/// Returns how far a frame is ahead of the last one: 1 is the next. `None` if it is an earlier one, the same, or
-/// has no number.
+/// Returns by how many numbers a frame is ahead of the last one: 1 for the next frame. `None` if it is an earlier
+/// frame, the same one, or has no number.
 pub fn ahead(last: u64, id: u64) -> Option<u64> {
     const CYCLE: u64 = 65_535;
     match (last, id) {
         (_, 0) => None,
         (last, id) if last > CYCLE || id > CYCLE => id.checked_sub(last).filter(|&ahead| ahead > 0),
-        // At half a cycle, forward and backward cannot be distinguished; a smaller difference gives the direction.
+        // At half of the cycle, forward and backward cannot be distinguished; the smaller difference gives the
+        // direction.
         (last, id) => Some((id + CYCLE - last) % CYCLE).filter(|ahead| (1..=CYCLE / 2).contains(ahead)),
     }
 }
@@ -163,7 +164,7 @@ pub struct Acceptance {
     last_id: Option<u64>,
     /// Time of the last accepted frame.
     last_time_ns: Option<u64>,
-    /// The time of the previous frame, if that frame was refused as no newer than the last accepted one.
+    /// The time of the previous frame, if it was refused because it was not newer than the last accepted one.
     older_time_ns: Option<u64>,
     clock_steps: u64,
     last_pixels: Vec<u8>,
@@ -207,9 +208,9 @@ impl Acceptance {
         self.clock_steps
     }
 
-    /// Returns whether the camera's clock was set back, as PTP does when a new master takes over. This is so if the
-    /// previous frame was refused for its time and this frame is newer than that one. A camera that shows one old
-    /// frame again and again never satisfies this.
+    /// Returns whether the camera's clock was set back, as by PTP when a new master takes over. This is true if the
+    /// previous frame was refused for its time and this frame is newer than the previous one. A camera that repeats
+    /// one old frame never satisfies this condition.
     fn is_clock_step(&self, camera_time_ns: u64) -> bool {
         self.older_time_ns.is_some_and(|older_ns| camera_time_ns > older_ns)
     }
@@ -347,7 +348,7 @@ mod tests {
     }
 
     proptest! {
-        /// From any start, with any losses, across both wraps: an accepted frame is always newer, no frame is
+        /// From any start, with any losses, across both wrap-arounds: an accepted frame is always newer, no frame is
         /// accepted twice, and in a stream every missing number is counted.
         #[test]
         fn a_stream_is_counted(start in prop::sample::select(vec![1u64, 60_000, 65_400, 1 << 33]), wide in any::<bool>(),

@@ -12,8 +12,8 @@ use super::format::PixelFormat;
 use crate::geometry::ColorPicture;
 use rayon::prelude::*;
 
-/// Returns what a sensor with these filters sees of a picture: the inverse of [`demosaic`], except for what (1)
-/// cannot restore.
+/// Returns the raw pixels of a sensor with these filters for a picture: the inverse of [`demosaic`], except for what
+/// (1) cannot restore.
 pub fn mosaic(picture: &ColorPicture, format: PixelFormat) -> Vec<u8> {
     let gray = || picture.to_gray().gray;
     let pick = |(index, rgb): (usize, &[u8; 3])| {
@@ -51,7 +51,8 @@ pub fn demosaic(raw: &[u8], [width, height]: [usize; 2], format: PixelFormat) ->
     Some(picture)
 }
 
-/// Returns the pixel at this offset, mirrored at the picture's rim without repeating the rim.
+/// Returns the index of the pixel at this offset; beyond the border it is mirrored, and the border pixel is not
+/// repeated.
 fn mirrored(at: usize, by: isize, count: usize) -> usize {
     let to = at.saturating_add_signed(by);
     match to {
@@ -74,7 +75,7 @@ fn three(format: PixelFormat, [column, row]: [usize; 2], around: impl Fn(usize, 
         Some(1) => {
             let along = byte(10 * own + 8 * beside - 2 * (far_beside + diagonal) + far_above);
             let across = byte(10 * own + 8 * above - 2 * (far_above + diagonal) + far_beside);
-            // Selects the colour that shares this row with green.
+            // Distinguishes red from blue by the colour that shares this row with green.
             match format.filter(column + 1, row) {
                 Some(0) => [along, own_byte, across],
                 _ => [across, own_byte, along],
@@ -109,7 +110,7 @@ mod tests {
         raw[12] = 160;
         let seen = demosaic(&raw, [5, 5], PixelFormat::BayerRG8).expect("fits");
         assert_eq!(seen.rgb[12], [160, 80, 120]);
-        // Next to it, green is half of the two reds, 80; blue is clipped at zero.
+        // In the pixel beside the red one, green is half of the mean of two reds, 80; blue is clipped at zero.
         assert_eq!(seen.rgb[11], [80, 0, 0]);
         assert_eq!(PixelFormat::BayerRG8.filter(2, 2), Some(0));
         assert_eq!(PixelFormat::BayerGB8.filter(0, 0), Some(1));
@@ -124,7 +125,7 @@ mod tests {
     }
 
     proptest! {
-        /// A uniform colour stays the same; a grey ramp stays the same away from the rim; the values that a filter
+        /// A uniform colour stays the same; a grey ramp stays the same away from the border; the values that a filter
         /// passed stay exact.
         #[test]
         fn colour_and_ramp_stay(format in prop::sample::select(FORMATS.to_vec()), rgb in any::<[u8; 3]>(),

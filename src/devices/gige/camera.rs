@@ -19,8 +19,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
-/// Number of pictures within which the first complete one must come, because the socket is sized when the first
-/// packet comes.
+/// Number of pictures within which the first complete one must arrive; the first pictures may be incomplete, because
+/// the socket's buffer is set when the first packet arrives.
 pub const WARM_UP: u32 = 5;
 
 /// Guards Aravis's list of interfaces and cameras, which the whole program shares and which has no lock of its own.

@@ -112,7 +112,8 @@ fn set(camera: &aravis::Camera, step: &Step) -> Result<(), GigeError> {
             }
             camera.set_float(node, *number).map_err(refused)?;
             let taken = camera.float(node).map_err(refused)?;
-            // A sensor exposes whole rows, and an amplifier has steps, so the set value may differ slightly.
+            // A sensor's exposure is a multiple of its row time, and an amplifier's gain has steps, so the accepted
+            // value may differ slightly.
             let near = (taken - number).abs() <= 0.02 * number.abs() + 0.1;
             if near { Ok(()) } else { Err(not_taken(format!("it set {taken} instead"))) }
         }

@@ -1,9 +1,8 @@
-//! The camera's thread: it owns the connection, takes pictures on request, and reconnects after the camera was
-//! lost.
+//! The camera's thread: it owns the connection, takes pictures on request, and reconnects after the camera was lost.
 //!
-//! A camera may be unplugged, may reboot, or may never have been connected. The program's log reports this once at
-//! its start and once at its end. Meanwhile every request for a picture is refused at once with the reason. No
-//! client waits for a camera that is known to be away.
+//! A camera may be unplugged, may reboot, or may never have been connected. The program's log reports this once at its
+//! start and once at its end. Until then, every request for a picture is refused at once with the reason. No client
+//! waits for a camera that is known to be unavailable.
 
 use super::camera::{Connected, Frame, WARM_UP};
 use super::error::{GigeError, whole_ms};
@@ -23,7 +22,7 @@ const SEARCH_TIMEOUT: Duration = Duration::from_secs(5);
 const RELEASE_TIMEOUT: Duration = Duration::from_secs(15);
 /// Interval between checks of a camera that has no request.
 const CHECK_INTERVAL: Duration = Duration::from_millis(100);
-/// Time between two searches for a lost camera: the first interval. The next constant is the longest one.
+/// First interval between two searches for a lost camera. The next constant is the longest interval.
 const MIN_SEARCH_INTERVAL: Duration = Duration::from_millis(200);
 const MAX_SEARCH_INTERVAL: Duration = Duration::from_secs(2);
 
@@ -34,13 +33,13 @@ pub enum LinkStatus {
     Searching,
     /// It delivers.
     Connected,
-    /// The camera is away, for this reason.
+    /// The camera is unavailable, for this reason.
     Away(GigeError),
 }
 
 /// A request to the thread.
 enum CameraRequest {
-    /// Requests a still; from a free running camera, its next picture.
+    /// Requests a still, or the next picture of a free-running camera.
     Picture { asked: Instant, reply: Sender<Result<Frame, GigeError>> },
 }
 
@@ -149,7 +148,7 @@ impl GigeCamera {
         lock(&self.shared).statistics
     }
 
-    /// Returns a handle to the link's state and counters, to be read elsewhere.
+    /// Returns a handle by which other threads can read the link's state and counters.
     pub fn gauge(&self) -> Gauge {
         Gauge(self.shared.clone())
     }
@@ -279,8 +278,8 @@ impl Link {
         self.away(why);
     }
 
-    /// Releases a camera that gives no picture. When it is opened again, all settings are written again, whatever
-    /// had changed.
+    /// Releases a camera that gives no picture. When it is opened again, all settings are written again, in case they
+    /// have changed.
     fn let_go(&mut self) {
         let Some(connected) = self.connected.take() else { return };
         self.before = self.before.and(connected.statistics());

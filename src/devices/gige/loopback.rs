@@ -1,13 +1,13 @@
-//! A camera without hardware: Aravis's fake GigE Vision camera, which sends our pictures as packets over the
-//! loopback interface.
+//! A camera without hardware: Aravis's fake GigE Vision camera, which sends our pictures as packets over the loopback
+//! interface.
 //!
-//! It answers control packets and sends stream packets as a camera does. It uses UDP port 3956 of one address of
-//! this machine, so only one can exist at a time. Aravis shares that port with every program that requests it, and
-//! a client would then talk to either camera. Therefore the TCP port of the same number, which GigE Vision does not
-//! use, is held as a lock between programs. A function supplies its pictures; it is called for each exposure, in
-//! the camera's thread. The camera's description is `test_camera.xml`: the features of a LUCID Triton that this
-//! program uses. Most of them have no effect on the fake camera; they keep the value that was written. It does not
-//! resend packets.
+//! The fake camera answers control packets and sends stream packets like a real camera. It uses UDP port 3956 of one
+//! address of this machine, so only one can exist at a time. Aravis shares that port with every program that requests
+//! it, and a client could then be connected to either camera. Therefore the TCP port of the same number, which GigE
+//! Vision does not use, is held as a lock between programs. A function supplies the pictures; it is called for each
+//! exposure, in the camera's thread. The camera's description is `test_camera.xml`: the features of a LUCID Triton
+//! that this program uses. Most of them have no effect on the fake camera; they retain the value that was written. The
+//! fake camera does not resend packets.
 
 use super::format::PixelFormat;
 use aravis::GvFakeCamera;
@@ -62,7 +62,7 @@ pub enum Register {
 /// Fills the pixels of an exposure, given the number of earlier exposures.
 pub type Fill = Box<dyn Fn(u64, &mut [u8]) + Send + Sync>;
 
-/// Why there is no loopback camera.
+/// Why the loopback camera could not be started.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum NoLoopback {
     /// The port is in use.
@@ -73,7 +73,7 @@ pub enum NoLoopback {
     /// The fake camera does not accept its size.
     #[error("the simulated GigE Vision camera is at most {sensor_px} px wide and high, requested are {}×{}", size_px[0], size_px[1])]
     TooLarge {
-        /// Width and height of the sensor, px.
+        /// Largest width and height that the sensor supports, px.
         sensor_px: usize,
         /// The requested size, px.
         size_px: [usize; 2],
@@ -98,10 +98,10 @@ impl Exposures {
 
 /// A simulated camera on the loopback interface; it is removed when this is dropped.
 pub struct LoopbackCamera {
-    // Fields are dropped in this order: the camera's thread must end before the data that it uses is dropped.
+    // The order of the fields is important: the camera's thread must end before the data that it uses is dropped.
     fake: GvFakeCamera,
     exposures: Arc<Exposures>,
-    /// The lock on the address; it is kept as long as the camera exists.
+    /// The lock on the address; it is held as long as the camera exists.
     _lock: TcpListener,
 }
 
@@ -145,7 +145,7 @@ impl LoopbackCamera {
             return Err(NoLoopback::TooLarge { sensor_px, size_px });
         }
         let lock = TcpListener::bind((ADDRESS, PORT)).map_err(|_| NoLoopback::Taken)?;
-        // A camera of another program, which does not know the lock.
+        // Detects a camera of another program that does not use the lock.
         UdpSocket::bind((ADDRESS, PORT)).map_err(|_| NoLoopback::Taken)?;
         // Aravis reads the file while it starts.
         let no_file = |error: std::io::Error| NoLoopback::NoDescription(error.to_string());
@@ -185,7 +185,7 @@ impl LoopbackCamera {
         self.exposures.camera().write_register(register as u32, value);
     }
 
-    /// Lets the camera lose this share of its packets, 0…1.
+    /// Sets the fraction of packets that the camera loses, 0…1.
     pub fn lose_packets(&self, share: f64) {
         self.fake.set_gvsp_lost_ratio(share);
     }
@@ -208,8 +208,9 @@ impl LoopbackCamera {
 #[allow(unsafe_code, reason = "the bindings leave this one function out; its callback and data are C's")]
 fn set_fill(exposures: &Arc<Exposures>) {
     let data = Arc::as_ptr(exposures).cast_mut().cast::<c_void>();
-    // SAFETY: the camera is alive while it is borrowed. `data` lives as long as `LoopbackCamera`, which alone owns the fake
-    // GigE Vision camera and drops it first; its end waits for its thread, and no one else calls the callback.
+    // SAFETY: the camera is alive while it is borrowed. `data` lives as long as `LoopbackCamera`, which is the only
+    // owner of the fake GigE Vision camera and drops it first; the drop waits for the camera's thread, and nothing
+    // else calls the callback.
     unsafe { ffi::arv_fake_camera_set_fill_pattern(exposures.camera().to_glib_none().0, Some(filled), data) }
 }
 
@@ -226,8 +227,8 @@ unsafe extern "C" fn filled(
         return;
     }
     // SAFETY: `data` is the pointer that `set_fill` passed. The buffer belongs to the fake camera and nothing else
-    // uses it during the call. Aravis has just checked that it is not smaller than the payload according to the
-    // present registers; only this thread makes them larger. The size that the buffer itself reports here is not
+    // uses it during the call. Aravis has just checked that the buffer is not smaller than the payload according to
+    // the present registers; only this thread increases them. The size that the buffer itself reports here is not
     // valid (0).
     unsafe {
         let exposures = &*data.cast::<Exposures>();

@@ -5,15 +5,15 @@
 //!                                                                                     or `loopback` in this process
 //! ```
 //!
-//! The code that decides is pure and does not use Aravis: `settings` (the settings of a camera), `acceptance`
-//! (which frames are accepted), `single_picture` (how often a picture is tried), `bayer` (from one colour per pixel to three).
-//! A picture that is passed on is complete, of the calibrated size, newer than the one before, and has the
-//! requested exposure; any doubt is an error.
+//! The code that decides is pure and does not use Aravis: `settings` (the settings of a camera), `acceptance` (which
+//! frames are accepted), `single_picture` (how often a picture is tried), `bayer` (from one colour per pixel to
+//! three). A picture that is passed on is complete, has the calibrated size, is newer than the previous one, and has
+//! the requested exposure; any doubt is an error.
 //!
 //! Without the cargo feature `gige` only the pure part is compiled. No part has run on a real camera. The tests
-//! make each call to a camera through Aravis, whose simulated camera has the features of a LUCID Triton by
-//! `test_camera.xml`. They cannot show whether a Triton interprets these features in the same way, a packet that
-//! was sent again, a clock that PTP sets, or a flange cable.
+//! execute each call to a camera with Aravis's simulated camera, which has the features of a LUCID Triton as described
+//! in `test_camera.xml`. They do not cover how a real Triton interprets these features, packets that are sent again, a
+//! clock that PTP sets, or a flange cable.
 
 mod acceptance;
 mod bayer;

@@ -1,9 +1,9 @@
-//! The settings of a camera, as steps over the nodes that it has.
+//! The settings of a camera, as steps on the nodes that the camera has.
 //!
 //! Cameras differ in their features, and the names of some nodes have changed over the years (GenICam's Standard
-//! Features Naming Convention). A plan uses the name that the camera has for each needed setting. It omits steps
-//! that only switch off a feature that this camera does not have. Size and position of the picture on the sensor
-//! come from the user set and are never changed: they are part of the calibration.
+//! Features Naming Convention). For each needed setting, a plan uses the node name that the camera has. It omits steps
+//! that only switch off a feature that this camera does not have. Size and position of the picture on the sensor come
+//! from the user set and are never changed: they are part of the calibration.
 
 use super::format::PixelFormat;
 use std::time::Duration;
@@ -41,7 +41,7 @@ pub enum Exposing {
     },
 }
 
-/// The requirements of a camera.
+/// The required settings of a camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
     /// Which camera.
@@ -62,7 +62,7 @@ pub struct Settings {
     pub exposing: Exposing,
     /// Size of a packet with its headers, bytes: at most the size that every port on the way permits.
     pub packet_bytes: u16,
-    /// Whether the same picture may come twice in a row, as from a simulated sensor.
+    /// Whether two consecutive pictures may be equal, as from a simulated sensor.
     pub may_repeat: bool,
 }
 
@@ -124,16 +124,15 @@ pub enum PlanError {
     },
 }
 
-/// The exposed share of one picture's time. The longest exposure is that time minus the time that the camera needs
-/// between two pictures.
+/// Largest exposure as a fraction of one picture's time: the camera needs the rest between two pictures.
 const EXPOSED_SHARE: f64 = 0.9;
 
 /// Returns the settings, in this order, for a camera that has the nodes for which `has` returns true.
 ///
 /// A camera's longest exposure is the time of one picture at its frame rate, also in triggered mode. Therefore the
-/// rate is limited to the value that the exposure allows before the exposure is set. It is limited again
-/// afterwards, since a previous long exposure limits the rate in turn. Data with the picture (chunks) are switched
-/// off: a picture comes alone. PTP is also switched off, because it sets the camera's clock while it runs, and that
+/// rate is limited to the value that the exposure allows before the exposure is set. It is limited again afterwards,
+/// since a previous long exposure limits the rate in turn. Data with the picture (chunks) are switched off: the data
+/// stream then has pictures only. PTP is also switched off, because it sets the camera's clock while it runs, and that
 /// clock distinguishes newer pictures from older ones.
 ///
 /// # Errors

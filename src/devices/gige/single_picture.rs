@@ -1,8 +1,8 @@
-//! One picture on demand: trigger, wait, judge; a limited number of times.
+//! One picture on demand: trigger, wait and judge, at most a limited number of times.
 //!
-//! If a frame did not come, it may still be on its way, and would be taken for the frame of the next trigger. So
-//! each failed try ends with a new stream, into which no older exposure can come. A camera that shows an old scene
-//! twice in a row is frozen; no third try is made.
+//! A frame that did not arrive in time may still be in transit, and would be taken for the frame of the next trigger.
+//! So after each failed try a new stream is started, in which no older exposure can arrive. A camera that shows an old
+//! scene twice in a row is frozen; no third try is made.
 
 use super::acceptance::{Acceptance, Facts, Refused};
 use super::statistics::Statistics;
@@ -12,7 +12,7 @@ pub const MAX_ATTEMPTS: u32 = 3;
 
 /// A camera that exposes on demand.
 pub trait Shutter {
-    /// Why the camera cannot continue: it is gone.
+    /// The error if the camera cannot continue because it has disappeared.
     type Gone;
 
     /// Exposes once; earlier frames are discarded.
@@ -103,7 +103,7 @@ mod tests {
         Torn,
         Late,
         Nothing,
-        /// The pixels of the first exposure once more.
+        /// A frame with the pixels of the first exposure again.
         Old,
         Gone,
     }
@@ -135,7 +135,7 @@ mod tests {
         type Gone = ();
 
         fn trigger(&mut self) -> Result<(), ()> {
-            // As Aravis does: frames in the buffers are discarded, but frames that are still on their way are not.
+            // As in Aravis: frames in the buffers are discarded, but frames that are still in transit are not.
             self.exposures += 1;
             let shows = self.exposures;
             match self.fates.front() {
@@ -196,7 +196,7 @@ mod tests {
         assert_eq!(take_of(&[Nothing, Torn, Nothing, Good]).0, Err(NoStill::Timeout));
         assert!(matches!(take_of(&[Torn; 4]).0, Err(NoStill::Refused(Refused::Incomplete { .. }))));
         assert_eq!(take_of(&[Torn, Gone]).0, Err(NoStill::Gone(())));
-        // The first exposure's frame comes while the program waits for the second one; it is not taken for the
+        // The first exposure's frame arrives while the program waits for the second one; it is not mistaken for the
         // second one.
         assert_eq!(take_of(&[Late, Good]).0, Ok(2));
     }

@@ -28,8 +28,8 @@ pub fn rmem_max() -> Option<usize> {
     if let Ok(text) = std::fs::read_to_string("/proc/sys/net/core/rmem_max") {
         return text.trim().parse().ok();
     }
-    // The service cannot see this file (`ProcSubset=pid`). A socket that requests the maximum is granted this size,
-    // counted twice.
+    // The service cannot read this file (`ProcSubset=pid`). If a socket requests the maximum, the size granted is
+    // `rmem_max`, counted twice.
     let socket = std::net::UdpSocket::bind((std::net::Ipv4Addr::LOCALHOST, 0)).ok()?;
     largest(&socket)
 }
@@ -59,13 +59,14 @@ mod tests {
         assert_eq!(largest(&socket), file.trim().parse().ok());
     }
 
-    /// 3,145,728 bytes in packets of 1,364: 2,307 packets and two more. For each of them 2,048 + 256 bytes are
-    /// counted and half of that is requested.
+    /// Calculated by hand: 3,145,728 bytes in packets of 1,364: 2,307 packets and two more. For each packet 2,048 +
+    /// 256 bytes are counted, and half of the sum is requested.
     #[test]
     fn a_burst_is_its_packets_as_the_kernel_counts_them() {
         assert_eq!(burst_bytes([2_048, 1_536], 1_400), 2_309 * 2_304 / 2);
         assert_eq!(socket_buffer_bytes([2_048, 1_536], 1_400), 8 << 20);
-        // 19,961,856 bytes in packets of 7,964: 2,507 packets and two more, 16,384 + 256 bytes each.
+        // Calculated by hand: 19,961,856 bytes in packets of 7,964: 2,507 packets and two more, 16,384 + 256 bytes
+        // each.
         assert_eq!(socket_buffer_bytes([5_472, 3_648], 8_000), 2_509 * 16_640 / 2);
     }
 }

@@ -13,7 +13,7 @@ pub struct Statistics {
     pub timeouts: u64,
     /// Number of stills that were triggered once more.
     pub retries: u64,
-    /// Triggers given to a camera that did not report that it was ready.
+    /// Number of triggers sent although the camera did not report that it was ready.
     pub unarmed: u64,
     /// Number of times that the camera's clock was set back.
     pub clock_steps: u64,

@@ -23,17 +23,18 @@ const CONNECTION_CHECK_INTERVAL: Duration = Duration::from_millis(50);
 const TRIGGER_POLL_INTERVAL: Duration = Duration::from_millis(2);
 /// The node that reports that the sensor is ready, in cameras that have this node.
 const ARMED: &str = "TriggerArmed";
-/// Some models report ready only after the first trigger, and some never: the maximum number of waits.
+/// Largest number of waits for a camera that does not report ready: some models report it only after the first
+/// trigger, and some never.
 const MAX_UNARMED_WAITS: u64 = 3;
-/// Buffer size in bytes per pixel. A picture with a deeper format than was set then arrives complete and reports
-/// its format.
+/// Buffer size in bytes per pixel. With this size, a picture in a format with more bits than was set still arrives
+/// completely and reports its format.
 const ROOM: usize = 2;
 /// The node of the camera's temperature, in cameras that have this node.
 const TEMPERATURE: &str = "DeviceTemperature";
 
 /// A configured camera and its stream.
 pub(super) struct Streaming {
-    // Fields are dropped in this order.
+    // The fields are dropped in their order here: the stream before the camera.
     stream: Option<GvStream>,
     camera: aravis::Camera,
     payload: usize,
@@ -127,8 +128,8 @@ impl Streaming {
     }
 
     /// Waits until the camera is ready, because most cameras ignore a trigger during sensor readout. If the camera
-    /// does not report ready in time, it is triggered anyway, and this is counted. An ignored trigger is detected
-    /// by its missing picture.
+    /// does not report in time that it is ready, it is triggered anyway, and this is counted. If the trigger is
+    /// ignored, the missing picture shows this.
     fn wait_until_armed(&mut self) -> Result<(), GigeError> {
         let begun = Instant::now();
         while self.tells_armed && !self.camera.boolean(ARMED).map_err(gone)? {

@@ -1,9 +1,9 @@
-//! The addresses that this computer reaches without a router, and the explanation for an address that it does not
-//! reach.
+//! The addresses that this computer reaches without a router, and the explanation why another address cannot be
+//! reached.
 //!
 //! A GigE Vision camera and the port that it is plugged into must be in one IPv4 subnet. A camera in another subnet
-//! may answer a search and never open, or not answer at all. The kernel's routing table names the subnets: its
-//! lines without a gateway. The input is text, the output is words.
+//! may answer a search and then fail to open, or not answer at all. The kernel's routing table names the subnets: its
+//! lines without a gateway. Both the input and the output of this module are text.
 
 use std::net::Ipv4Addr;
 
@@ -41,7 +41,7 @@ pub fn subnets(routes: &str) -> Vec<Subnet> {
     routes.lines().skip(1).filter_map(of_line).collect()
 }
 
-/// Returns why a camera at this address cannot be reached; `None` if the address is not the reason.
+/// Returns why a camera at this address cannot be reached; `None` if the reason is not the address.
 pub fn out_of_reach(address: &str, subnets: &[Subnet]) -> Option<String> {
     let address: Ipv4Addr = address.parse().ok()?;
     if address.is_loopback() || subnets.iter().any(|subnet| subnet.holds(address)) {
@@ -72,7 +72,7 @@ mod tests {
     use super::*;
 
     /// The table as Linux writes it on a little endian machine: 172.31.1.0/24 is 00011FAC with mask 00FFFFFF. The
-    /// first line is the way out through a router and makes no address a neighbour.
+    /// first line is the default route through a router, so it makes no address directly reachable.
     #[cfg(target_endian = "little")]
     const ROUTES: &str = "Iface\tDestination\tGateway\tFlags\tRefCnt\tUse\tMetric\tMask\tMTU\tWindow\tIRTT\n\
         eth0\t00000000\t01011FAC\t0003\t0\t0\t0\t00000000\t0\t0\t0\n\

@@ -16,7 +16,7 @@ pub(in crate::devices) fn alone() -> MutexGuard<'static, ()> {
     PORT.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Starts the loopback camera; another program may still be about to release the port.
+/// Starts the loopback camera; it tries for a while, since another program may still be releasing the port.
 fn loopback<F: Fn(u64, &mut [u8]) + Send + Sync + Clone + 'static>(
     size_px: [usize; 2],
     format: PixelFormat,
@@ -48,9 +48,9 @@ fn settings(size_px: [usize; 2], format: PixelFormat) -> Settings {
     }
 }
 
-/// Each feature that a Triton has and this program sets is set in Aravis and the camera. Calculated by hand: 100 ms
-/// are nine tenths of one picture's time, 111.1 ms; the camera ran 25 pictures a second, at which it exposes for 40
-/// ms at most.
+/// Each feature of a Triton that this program sets is set in Aravis and in the camera. Calculated by hand: 100 ms are
+/// nine tenths of one picture's time, 111.1 ms; before, the camera took 25 pictures a second, at which it can expose
+/// for 40 ms at most.
 #[test]
 fn a_camera_is_set_feature_by_feature() {
     let _alone = alone();
@@ -105,7 +105,7 @@ fn flange_pictures() -> Vec<ColorPicture> {
     views.iter().map(|view| cell.flange_picture(&view.base_from_flange, sim::PanelPosition::Nominal)).collect()
 }
 
-/// Lets each exposure show another one of these pictures, with its own number in its first eight bytes.
+/// Makes each exposure show the next one of these pictures, with the exposure's number in the first eight bytes.
 fn numbered(pictures: Vec<Vec<u8>>) -> impl Fn(u64, &mut [u8]) + Send + Sync + Clone + 'static {
     move |exposure, pixels| {
         let shown = &pictures[exposure as usize % pictures.len()];
@@ -124,7 +124,7 @@ fn exposure_of(frame: &Frame, pictures: &[Vec<u8>]) -> u64 {
     number
 }
 
-/// In colour and in brightness, each picture of the simulated cell is received as it was sent.
+/// Each picture of the simulated cell, in colour and in monochrome, is received as it was sent.
 #[test]
 fn stills_come_byte_by_byte() {
     let _alone = alone();

@@ -43,7 +43,7 @@ pub(super) struct Element {
     pub(super) tag: String,
     /// `None` if the element only sets a flag.
     pub(super) kind: Option<Kind>,
-    /// Only if it differs from the channel's order.
+    /// The order for this element, if it differs from the channel's order.
     pub(super) order: Option<ReadOrder>,
     /// The $FLAG and $OUT that are set when the element has arrived.
     pub(super) set_flag: Option<u16>,
@@ -233,7 +233,7 @@ fn word(name: &'static str, found: &str, allowed: &'static str) -> FileProblem {
 mod tests {
     use super::*;
 
-    /// The channel settings in config/kuka, read by eye.
+    /// The channel settings in config/kuka; the expected values were read from the files by a person.
     #[test]
     fn the_shipped_files_are_read() {
         let commands = ChannelFile::parse(include_str!("../../../config/kuka/CELLCMD.xml")).expect("read");

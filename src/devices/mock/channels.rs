@@ -32,7 +32,8 @@ impl Controller {
             self.answers.forget_ack();
         }
         self.last_frame_ms = now_ms;
-        // If a client is lost without notice, a new client's attempts must not keep the old one alive.
+        // If the client was lost without notice, attempts of a new client must not reset the time of the old client's
+        // last request.
         if !self.is_connected(channel.other()) {
             self.last_request_ms = now_ms;
         }
@@ -51,7 +52,7 @@ impl Controller {
         self.drop_client(channel, EkiFault::Disrupted);
     }
 
-    /// Closes the channel by the program, even if the cable is out.
+    /// Closes the channel from the program's side, even if the cable is unplugged.
     pub(super) fn drop_client(&mut self, channel: Channel, fault: EkiFault) {
         if self.running.is_some() {
             return self.lose_interpreted(channel, fault);
@@ -74,7 +75,7 @@ impl Controller {
     pub fn command_bytes(&mut self, bytes: &[u8]) {
         let Some(documents) = self.receive(Channel::Command, bytes) else { return };
         if documents > 0 && self.running.is_some() {
-            // In lock step, the commands were counted when they arrived.
+            // In lock step, these commands were already counted on arrival.
             if self.setup.clock == Clock::Free {
                 self.count_arrived(u64::from(documents));
             }

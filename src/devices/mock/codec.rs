@@ -1,8 +1,8 @@
-//! Converts documents to values and back, in the tags and the order of the channel's file.
+//! Converts documents to values and back, with the tags and the order of the channel's file.
 //!
-//! Received: an attribute or node named in the file becomes a value, everything else is skipped. Sent: a document
-//! with every tag of the file, in its order, opened and closed, `%f` of a 32-bit float. A tag that the program did
-//! not set is present and empty.
+//! Receiving: an attribute or node named in the file becomes a value, everything else is skipped. Sending: a document
+//! contains every tag of the file, in its order, opened and closed; numbers are written as `%f` of a 32-bit float. A
+//! tag that the program did not set is present and empty.
 
 use super::channel_file::{Element, Kind};
 use super::error::EkiFault;
@@ -176,8 +176,8 @@ struct Node {
 }
 
 impl Template {
-    /// Creates the template for the documents of a channel's SEND section. It uses the section's first root, the
-    /// only one in the cell's files. The program sets these tags, in this order.
+    /// Creates the template for the documents of a channel's SEND section. It uses the section's first root, the only
+    /// one in the cell's files. `tags` are the tags that the program sets, in this order.
     pub(super) fn new(elements: &[Element], tags: &[&str]) -> Self {
         let mut top = Node::default();
         for element in elements {

@@ -37,7 +37,7 @@ impl Contact {
         self.behind || front.is_some_and(Move::contact)
     }
 
-    /// Returns whether both ends of the present stretch are in contact.
+    /// Returns whether both ends of the present segment are in contact.
     pub(super) fn sands(&self, front: Option<&Move>) -> bool {
         self.behind && front.is_none_or(Move::contact)
     }
@@ -70,14 +70,15 @@ impl Contact {
         self.retract = if may_retract && self.behind { Retract::Due } else { Retract::No };
     }
 
-    /// Begins a new epoch: a tool that an e-stop left on the panel is jogged off by hand. A retract continues.
+    /// Resets the contact for a new epoch: a person jogs a tool off the panel if an e-stop left it there. A retract
+    /// continues.
     pub(super) fn forget(&mut self) {
         if !self.wants_retract() {
             *self = Contact::default();
         }
     }
 
-    /// Records that the retract cannot be made.
+    /// Abandons the retract, because it cannot be executed.
     pub(super) fn give_up(&mut self) {
         self.retract = Retract::No;
     }

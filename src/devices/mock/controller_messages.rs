@@ -23,7 +23,7 @@ impl Controller {
             let numbers = [ack.received, ack.done, ack.free, ack.refusal.0, ack.refusal.1, ack.epoch];
             self.answers.ack.write(&mut self.commands.out, &numbers.map(Value::Int));
         }
-        // In a granted time, the answer to the heartbeat replaces this state.
+        // If a heartbeat has granted this time, the answer to the heartbeat replaces this state.
         let next_ms = self.now_ms + TICK_MS;
         if self.read_up_to.is_none() && next_ms > self.answers.last_state_ms + STATE_INTERVAL_MS {
             self.tell_state(self.answers.answered);

@@ -2,8 +2,8 @@
 //!
 //! A blend leaves the incoming line at distance d before the corner and joins the outgoing line at distance d after
 //! it. d is at most half of either line. Position: B(t) = (1−t)² start + 2t(1−t) corner + t² end; orientation: the
-//! same construction on arcs. One measure applies along a path: millimetres, or the rotation at the allowed rate if
-//! that needs more time.
+//! same construction on arcs. Along a path there is one measure of length: millimetres, or, if the rotation at the
+//! allowed rate needs more time, the equivalent of the rotation in millimetres.
 
 use crate::geometry::{Base, Rigid, Tool};
 use nalgebra::{Isometry3, Translation3};
@@ -11,7 +11,7 @@ use nalgebra::{Isometry3, Translation3};
 /// The pose of the tool in the base frame.
 pub(super) type Pose = Rigid<Base, Tool>;
 
-/// Returns the pose at this share of the way: position on the line, orientation by rotation about one axis.
+/// Returns the pose at this fraction of the path: position on the line, orientation by rotation about one axis.
 pub(super) fn between(from: &Pose, to: &Pose, share: f64) -> Pose {
     let (from, to) = (from.isometry(), to.isometry());
     let origin = from.translation.vector.lerp(&to.translation.vector, share);
@@ -47,7 +47,7 @@ pub(super) struct Bend {
     pub(super) next: Pose,
     /// The requested blend distance, mm.
     pub(super) blend_mm: f64,
-    /// The length that a rotation of one degree counts, mm.
+    /// Equivalent length of a rotation by one degree, mm.
     pub(super) mm_per_deg: f64,
 }
 
@@ -86,8 +86,8 @@ impl Corner {
         }
         let turned_mm = measure_mm(&start, &vertex, bend.mm_per_deg) + measure_mm(&vertex, &end, bend.mm_per_deg);
         let chords_mm = 2.0 * blend_mm;
-        // Position and rotation share one pace. If rotation does not slow down the lines, it does not slow down the
-        // corner.
+        // Position and rotation have the same progress. If the rotation does not slow down the motion on the lines, it
+        // does not slow it down in the corner either.
         corner.length_mm = corner.arc_mm[PARTS] * (turned_mm / chords_mm).max(1.0);
         Some(corner)
     }
@@ -109,7 +109,7 @@ impl Corner {
         let arc_mm = self.arc_mm[PARTS] * (gone_mm / self.length_mm).clamp(0.0, 1.0);
         let after = self.arc_mm.iter().position(|&end_mm| end_mm >= arc_mm).unwrap_or(PARTS).max(1);
         let [low, high] = [self.arc_mm[after - 1], self.arc_mm[after]];
-        // At a full reversal the parabola is folded; its chords may have no length.
+        // At a full reversal the two halves of the parabola coincide, so that a chord may have the length zero.
         let inside = if high > low { (arc_mm - low) / (high - low) } else { 1.0 };
         let t = ((after - 1) as f64 + inside) / PARTS as f64;
         let turned = between(&between(&self.start, &self.vertex, t), &between(&self.vertex, &self.end, t), t);
@@ -159,7 +159,7 @@ mod tests {
         assert!(distance_mm(&Corner::new(&whole).expect("blended").start, &pose(9.0, 0.0, 0.0)) < 1e-12);
     }
 
-    /// Equal steps of the measure are equal steps of the tool, and the orientation continues without a jump.
+    /// Equal steps of the measure are equal steps of the tool, and the orientation is continuous.
     #[test]
     fn the_corner_is_run_at_even_pace() {
         let corner = Corner::new(&right_angle(2.0)).expect("blended");
@@ -174,7 +174,7 @@ mod tests {
         assert!((KukaPose::from_rigid(&corner.end).a_deg - 10.0).abs() < 1e-9);
     }
 
-    /// A turn of 30° that counts 1 mm a degree is a length of 30 mm on the line of 6.
+    /// If one degree counts as 1 mm, a rotation of 30° on a line of 6 mm has the length 30 mm.
     #[test]
     fn turning_counts_where_it_takes_longer() {
         let (from, to) = (pose(10.0, 0.0, 0.0), pose(10.0, 6.0, 30.0));

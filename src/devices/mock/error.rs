@@ -4,7 +4,7 @@
 /// The error that `Msg_No` reports to a program that reads a memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum EkiError {
-    /// No value waits in this memory: the error is reported at once, without waiting.
+    /// The memory contains no value; the error is returned at once, without waiting.
     #[error("15: access to an empty memory")]
     Empty,
     /// The memory contains values of another type.

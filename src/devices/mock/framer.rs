@@ -9,7 +9,7 @@ use super::error::EkiFault;
 #[derive(Debug)]
 pub(super) struct Framer {
     buffer: Vec<u8>,
-    /// The start of the current document in `buffer`; the bytes before it were handed over.
+    /// The start of the current document in `buffer`; the bytes before it were already returned.
     start: usize,
     /// Number of bytes of `buffer` that were already searched.
     seen: usize,

@@ -20,7 +20,8 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 pub struct Arm {
     /// Distance from axis 1 forward to axis 2, mm.
     pub a1_mm: f64,
-    /// From axis 3 to the forearm's axis, across it; negative if the forearm runs above axis 3, mm.
+    /// Distance from axis 3 to the forearm's axis, perpendicular to the forearm; negative if the forearm runs above
+    /// axis 3, mm.
     pub a2_mm: f64,
     /// Height of axis 2, mm.
     pub c1_mm: f64,
@@ -36,7 +37,7 @@ pub struct Arm {
     pub speeds_deg_s: [f64; 6],
 }
 
-/// Why no axis angles put the flange there.
+/// Why the flange pose cannot be reached.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum Unreachable {
     /// The wrist's centre is too far from axis 2, or too near to it.
@@ -59,7 +60,7 @@ pub enum Unreachable {
     },
 }
 
-/// If the sine of q5 is below this, the axes 4 and 6 coincide.
+/// If the sine of q5 is below this value, axes 4 and 6 are taken as coincident.
 const WRIST_POLE: f64 = 1e-9;
 
 impl Arm {
@@ -99,8 +100,8 @@ impl Arm {
         Rigid::claim(Isometry3::from_parts(Translation3::from(origin_mm), rotation))
     }
 
-    /// Returns all solutions for this flange pose, up to eight. Each axis is at the turn within its limits that is
-    /// nearest to `near`; solutions that no turn brings inside the limits are left out.
+    /// Returns all solutions for this flange pose, up to eight. Each axis angle is chosen by full turns within its
+    /// limits, nearest to `near`; solutions that cannot be brought within the limits are left out.
     pub fn solutions(&self, base_from_flange: &Rigid<Base, Flange>, near: &Joints) -> Vec<Joints> {
         let ways = self.ways_rad(base_from_flange, near);
         ways.iter().filter_map(|&way| self.wound(way, near).ok()).map(joints).collect()
@@ -156,8 +157,8 @@ impl Arm {
         base_from_flange.origin().mm.coords - base_from_flange.rotation() * Vector3::z() * self.c4_mm
     }
 
-    /// Returns the position of the wrist's centre seen from axis 2, across and up; `side` is 1 in front of axis 1
-    /// and −1 behind it.
+    /// Returns the position of the wrist's centre relative to axis 2, horizontal and vertical; `side` is 1 in front of
+    /// axis 1 and −1 behind it.
     fn seen_from_axis_2(&self, wrist_mm: &Vector3<f64>, side: f64) -> (f64, f64) {
         (side * wrist_mm.x.hypot(wrist_mm.y) - self.a1_mm, wrist_mm.z - self.c1_mm)
     }
@@ -192,7 +193,7 @@ impl Arm {
         ways
     }
 
-    /// Returns the controller's angles of a solution, each at the turn within limits that is nearest to `near`.
+    /// Returns the controller's angles of a solution, each chosen by full turns within its limits, nearest to `near`.
     fn wound(&self, way_rad: [f64; 6], near: &Joints) -> Result<[f64; 6], Unreachable> {
         let (mut wound_deg, near_deg) = (controller_deg(way_rad), angles_deg(near));
         for (index, angle_deg) in wound_deg.iter_mut().enumerate() {
@@ -336,7 +337,8 @@ mod tests {
         assert!((distance_mm - 1000.0).abs() < 1e-9 && (allowed_mm[1] - 700.855).abs() < 1e-3, "{allowed_mm:?}");
     }
 
-    /// The error names the axis whose turn is beyond its limits: facing backwards from the front needs A1 at 180.
+    /// The error names the axis that would exceed its limits: to face backwards without leaning over backwards, A1
+    /// must be at 180.
     #[test]
     fn an_axis_beyond_its_limits_is_named() {
         let behind = at([178.0, -60.0, 60.0, 0.0, 30.0, 0.0]);
@@ -348,7 +350,7 @@ mod tests {
         assert_eq!(over, Err(Unreachable::AxisLimit { axis: 2, angle_deg: 45.1, allowed_deg: [-190.0, 45.0] }));
     }
 
-    /// When axes 4 and 6 are in line, axis 4 stays and axis 6 makes the rotation.
+    /// When axes 4 and 6 are in line, axis 4 keeps its angle and axis 6 makes the whole rotation.
     #[test]
     fn at_the_wrists_pole_axis_4_stays() {
         let pose = at([10.0, -80.0, 100.0, 25.0, 0.0, 35.0]);
@@ -373,8 +375,8 @@ mod tests {
             }
         }
 
-        /// Away from the poles of wrist, elbow and shoulder, the solution nearest to the arm's present angles is
-        /// these angles.
+        /// Away from the singularities of wrist, elbow and shoulder, the solution nearest to the arm's present angles
+        /// equals these angles.
         #[test]
         fn the_nearest_way_is_where_the_arm_stands(angles in inside()) {
             let pose = at(angles);

@@ -5,7 +5,7 @@ use super::moves::Lin;
 
 #[derive(Debug, Clone)]
 pub(super) enum Leg {
-    /// `stops` if it ends at its corner.
+    /// A straight line; `stops` is true if the arm stops at its end.
     Line {
         from: Pose,
         to: Pose,

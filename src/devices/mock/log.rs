@@ -4,7 +4,7 @@ use super::mover::Blocked;
 use super::wire::Refusal;
 use crate::geometry::{Base, Flange, Joints, Rigid, Tool};
 
-/// A motion command that was executed, once.
+/// A motion command that was executed; each command has one entry.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Executed {
     /// Its epoch.
@@ -69,12 +69,12 @@ pub enum StopCause {
     Rebooted,
     /// The shipped programs stopped the epoch by one of their rules.
     Program,
-    /// The shipped programs, when the robot program was already stopped.
+    /// The shipped programs stopped the epoch because the robot program was already stopped.
     Halted,
 }
 
 impl StopCause {
-    /// Returns whether the arm stops at once where it is and the robot program is reset, without a retract.
+    /// Returns whether the arm stops at once on its path and the robot program is reset, without a retract.
     pub fn is_at_once(self) -> bool {
         use StopCause::{Deselected, Drives, EStop, Guard, Halted, Mode, Rebooted};
         matches!(self, EStop | Guard | Drives | Mode | Deselected | Rebooted | Halted)
@@ -118,7 +118,7 @@ pub struct Stop {
     pub detail: String,
 }
 
-/// Returns words for a path that cannot be continued.
+/// Returns a message for a path that cannot be continued.
 pub(super) fn words(blocked: &Blocked) -> String {
     match blocked {
         Blocked::Unreachable(why) => why.to_string(),

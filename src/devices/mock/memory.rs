@@ -1,11 +1,10 @@
-//! The values that a channel has received and the program has not yet read: one memory for each tag that has a
-//! type.
+//! The values that a channel has received and the program has not yet read: one memory for each tag that has a type.
 //!
-//! A document pushes one value into the memory of each tag that it contains. A missing or empty tag pushes nothing,
-//! so that the memories of one channel can drift apart. Every value has the count of its document, by which a
-//! program detects such a drift. One value more than BUFFERING allows is stored and closes the connection. The
+//! A document pushes one value into the memory of each tag that it contains. A missing or empty tag pushes nothing, so
+//! that the memories of one channel can drift apart. Every value has the sequence number of its document, by which a
+//! program detects such a drift. One value more than BUFFERING allows is still stored, and closes the connection. The
 //! program reads with the functions below, which are `EKI_CheckBuffer`, `EKI_Get…` and `EKI_ClearBuffer`: an empty
-//! memory is an error at once.
+//! memory gives an error at once.
 
 use super::channel_file::{ChannelFile, Kind, ReadOrder};
 use super::codec::{Value, decode};
@@ -20,7 +19,7 @@ pub(super) enum Raised {
     Output(u16),
 }
 
-/// One value and the count of the document that brought it.
+/// A value and the sequence number of its document.
 #[derive(Debug, Clone, PartialEq)]
 struct Entry {
     value: Value,
@@ -70,7 +69,7 @@ impl Memory {
     }
 
     /// Stores the documents that these bytes complete, and returns their number. Documents completed before a fault
-    /// are kept.
+    /// are stored.
     pub(super) fn receive(&mut self, bytes: &[u8]) -> Result<u32, EkiFault> {
         self.framer.push(bytes);
         let before = self.counter;
@@ -108,7 +107,7 @@ impl Memory {
         self.tags.get(place).and_then(TagMemory::next).map(|entry| &entry.value).ok_or(EkiError::Empty)
     }
 
-    /// Returns the value of this tag that arrived last, and the count of its document.
+    /// Returns the value of this tag that arrived last, and the sequence number of its document.
     pub(super) fn newest(&self, place: usize) -> Result<(&Value, u32), EkiError> {
         let newest = self.tags.get(place).and_then(|tag| tag.entries.back());
         newest.map(|entry| (&entry.value, entry.counter)).ok_or(EkiError::Empty)
@@ -124,28 +123,28 @@ impl Memory {
         found.ok_or(EkiError::Type)
     }
 
-    /// Takes a whole number with the count of its document.
+    /// Takes an integer with the sequence number of its document.
     pub(super) fn get_int(&mut self, place: usize) -> Result<(i32, u32), EkiError> {
         self.get(place, int)
     }
 
-    /// Takes a real number with the count of its document.
+    /// Takes a real number with the sequence number of its document.
     pub(super) fn get_real(&mut self, place: usize) -> Result<(f64, u32), EkiError> {
         self.get(place, |value| if let Value::Real(number) = value { Some(f64::from(*number)) } else { None })
     }
 
-    /// Takes a frame's six numbers with the count of their document.
+    /// Takes a frame's six numbers with the sequence number of their document.
     pub(super) fn get_frame(&mut self, place: usize) -> Result<([f64; 6], u32), EkiError> {
         self.get(place, |value| if let Value::Frame(numbers) = value { Some(numbers.map(f64::from)) } else { None })
     }
 
-    /// Drops the waiting values; the connection stays.
+    /// Discards the waiting values; the connection is not closed.
     pub(super) fn clear_buffers(&mut self) {
         self.tags.iter_mut().for_each(|tag| tag.entries.clear());
     }
 
-    /// Clears the memory, as when the channel is cleared, initialised and opened again: an incomplete document and
-    /// all waiting values are forgotten.
+    /// Clears the memory, as when the channel is cleared, initialised and opened again: an incomplete document and all
+    /// waiting values are discarded.
     pub(super) fn clear(&mut self) {
         self.framer = Framer::new(self.file.limit_bytes);
         self.raised.clear();
@@ -186,7 +185,7 @@ mod tests {
         format!("<Req Id=\"{id}\" Ep=\"0\" Op=\"9\" N1=\"0\"></Req>")
     }
 
-    /// The limit is 64: the 65th value closes the channel and is stored all the same.
+    /// The limit is 64: the 65th value closes the channel but is still stored.
     #[test]
     fn one_entry_too_many_is_stored_and_closes() {
         let mut memory = shipped();
@@ -214,7 +213,8 @@ mod tests {
         assert_eq!(memory.place("Req/@Id", Kind::Real), Err(FileProblem::NotReceived("Req/@Id")));
     }
 
-    /// The second document lacks N1: its row contains the N1 of a later document, and only the counts show this.
+    /// The second document lacks N1: the program reads the N1 of a later document in this row, and only the sequence
+    /// numbers show this.
     #[test]
     fn a_missing_element_lets_the_memories_drift() {
         let mut memory = shipped();

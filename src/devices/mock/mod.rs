@@ -1,22 +1,22 @@
-//! A stand-in for the robot's controller: a Rust model of the cell's KRL programs, behind EthernetKRL.
+//! A mock of the robot's controller: a Rust model of the cell's KRL programs, behind EthernetKRL.
 //!
-//! It reads the controller's own files (`config/kuka/`) and shares nothing else with the client: framer, codec,
+//! The mock reads the controller's own files (`config/kuka/`) and shares nothing else with the client: framer, codec,
 //! units and kinematics are its own.
 //!
 //! - bytes: `framer` (stream to documents), `channel_file` and `codec` (documents to values and back), `memory`
 //!   (waiting values), `wire` (meaning of the numbers)
 //! - the arm: `kinematics`, `ramp`, `corner`, `legs` and `lookahead` (speed and shape of a path), `moves` (planned
 //!   moves), `mover` (the main run)
-//! - the programs: `model` (one tick), `channels` and `channel_link` (connected clients), `submit` (intake,
-//!   watchdog, stop), `epoch`, `program` (advance run), `contact` (retract), `outputs` (automatic switch-off),
-//!   `answer` and `telling` (messages sent)
+//! - the programs: `model` (one tick), `channels` and `channel_link` (connected clients), `submit` (intake, watchdog,
+//!   stop), `epoch`, `program` (advance run), `contact` (retract), `outputs` (automatic switch-off), `answer` and
+//!   `controller_messages` (messages sent)
 //! - instead of these, the programs themselves: `interpreted` executes the shipped files
-//! - around it: `setup`, `options`, `safety` and `operator` (people, keys, the program's start), `world` (inputs
-//!   and outputs), `fault` (what goes wrong, and when), `log` and `view` (past events, present state), `server`
-//!   (TCP) with `late` (slow connections)
+//! - around the controller: `setup`, `options`, `safety` and `operator` (people, keys, the program's start), `world`
+//!   (inputs and outputs), `fault` (the faults and their times), `log` and `view` (past events, present state),
+//!   `server` (TCP) with `slow_connection` (slow connections)
 //!
 //! As in the programs, a `move_j` stops exactly: approximated PTP is refused. Not modelled: RAW channels and UDP,
-//! which a cell's files may have but this link does not; error 23, since the programs open a channel in one place.
+//! which a cell's files may have but this link does not use; error 23, since the programs open a channel in one place.
 
 mod answer;
 mod channel_file;

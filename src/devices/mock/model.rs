@@ -1,9 +1,9 @@
 //! The controller as a state machine over virtual time: bytes and milliseconds in, bytes out.
 //!
-//! Its time advances in whole ticks of 12 ms. In each tick the submit interpreter reads at most 8 commands and
-//! every request. The robot interpreter plans up to $ADVANCE motions ahead, the arm moves one step, and changes are
-//! reported. In lock step requests are answered as they arrive, and a heartbeat grants 100 ms. Only commands up to
-//! the one it names are read in that time, so that the result does not depend on when bytes arrive.
+//! Its time advances in whole ticks of 12 ms. In each tick the submit interpreter reads at most 8 commands and every
+//! request. The robot interpreter plans up to $ADVANCE motions ahead, the arm moves one step, and changes are
+//! reported. In lock step requests are answered as they arrive, and a heartbeat grants 100 ms. In that time, only the
+//! commands up to the one that the heartbeat names are read, so that the result does not depend on when bytes arrive.
 
 use super::answer::Answers;
 use super::channel_link::Link;
@@ -36,7 +36,7 @@ pub struct Controller {
     pub(super) request_places: RequestPlaces,
     pub(super) answers: Answers,
     pub(super) now_ms: u64,
-    /// Granted time that is not yet a whole tick.
+    /// Granted time that is left over because it is less than a tick, ms.
     carried_ms: u64,
     pub(super) safety: Safety,
     pub(super) inputs: BTreeMap<u16, bool>,
@@ -49,21 +49,23 @@ pub struct Controller {
     pub(super) epoch: Epoch,
     /// Stopped by the program; only a new epoch continues.
     pub(super) stopped: bool,
-    /// The time at which the last epoch ended; the next field has the outputs that must still go off after it.
+    /// The time at which the last epoch ended; the next field has the outputs that are still to be switched off after
+    /// the epoch.
     pub(super) ended_ms: u64,
     pub(super) off_due: BTreeSet<u16>,
     pub(super) mover: Mover,
     pub(super) contact: Contact,
     pub(super) underruns: i32,
     pub(super) stale: u64,
-    /// The time at which the client was last heard; the next field has the time of its last request.
+    /// The time of the last frame from the client; the next field has the time of its last request.
     pub(super) last_frame_ms: u64,
     pub(super) last_request_ms: u64,
     /// The time at which the submit interpreter last ran.
     pub(super) submit_ran_ms: u64,
     /// Epoch and id of the newest command that arrived.
     pub(super) arrived: (i32, i32),
-    /// Commands that a heartbeat names may still arrive: all were readable, and their channel was not lost.
+    /// Whether commands that a heartbeat names may still arrive, because all were readable and their channel was not
+    /// lost.
     pub(super) awaits_commands: bool,
     /// The last command that is read in a granted time.
     pub(super) read_up_to: Option<(i32, i32)>,
@@ -120,7 +122,7 @@ impl Controller {
             templates: [None, None],
             setup,
         };
-        // Nothing else would let that time pass.
+        // In lock step, nothing else lets the time pass that the programs need to start.
         if controller.setup.clock == Clock::LockStep {
             controller.boot();
         }
@@ -174,7 +176,7 @@ impl Controller {
         }
     }
 
-    /// Starts the controller: counts, epochs, flags and motions are forgotten; the boot number changes.
+    /// Starts the controller: sequence numbers, epochs, flags and motions are reset; the boot number changes.
     pub(super) fn forget_all(&mut self) {
         self.mover.freeze();
         self.contact = Contact::default();

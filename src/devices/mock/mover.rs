@@ -30,13 +30,13 @@ pub(super) struct Done {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Blocked {
     Unreachable(Unreachable),
-    /// At any speed of the tool, the axis, 1 to 6, would have to run faster than it can.
+    /// At any speed of the tool, this axis, 1 to 6, would exceed its maximum speed.
     AxisSpeed(usize),
 }
 
 /// Time in which an axis reaches its highest speed.
 const AXIS_RAMP_S: f64 = 0.2;
-/// How often the step is halved for an axis that is too slow.
+/// Number of times that the step may be halved if an axis would be too fast.
 const HALVINGS: i32 = 7;
 
 /// The arm and its planned moves.
@@ -74,7 +74,7 @@ impl Mover {
         self.joints
     }
 
-    /// Sets the axes of the standing arm.
+    /// Sets the axis positions of an arm at rest.
     pub(super) fn jog(&mut self, joints: Joints) {
         *self = Mover::new(self.arm, joints);
     }
@@ -134,7 +134,7 @@ impl Mover {
         self.ahead = None;
     }
 
-    /// Switches this output at the end of the move planned last. Returns false if there is no move, or if it
+    /// Switches this output at the end of the last planned move. Returns false if there is no such move, or if it
     /// already switches an output.
     pub(super) fn switch_at_end(&mut self, output: (u16, bool)) -> bool {
         let switches = match self.planned.back_mut() {
@@ -207,7 +207,7 @@ impl Mover {
         let to = angles_deg(&ptp.target);
         let way: [f64; 6] = std::array::from_fn(|axis| to[axis] - from[axis]);
         let lead_deg = way.iter().fold(0.0, |lead: f64, way_deg| lead.max(way_deg.abs()));
-        // Returns the pace of the leading axis at which no axis is too fast.
+        // Returns the highest speed of the leading axis at which no axis is too fast.
         let pace = |share: f64| {
             let of_axis = |axis: usize| self.arm.speeds_deg_s[axis] * share * lead_deg / way[axis].abs();
             (0..6).filter(|&axis| way[axis] != 0.0).map(of_axis).fold(f64::INFINITY, f64::min)
@@ -266,7 +266,7 @@ impl Mover {
         (0..6).find(fast).map(|axis| axis + 1)
     }
 
-    /// Advances along the legs, from one to the next at their ends. Returns true if it is still on the first.
+    /// Advances along the legs, from one to the next at their ends. Returns true if the arm is still on the first leg.
     fn advance(&mut self, legs: &[Leg], further_mm: f64, done: &mut Vec<Done>) -> Result<bool, Unreachable> {
         self.gone += further_mm;
         for (index, leg) in legs.iter().enumerate() {
@@ -297,7 +297,7 @@ impl Mover {
         Ok(false)
     }
 
-    /// Returns whether the standstill at the end of this move was not commanded.
+    /// Returns whether the standstill at the end of this move was not intended.
     fn is_starved(&self, lin: &Lin) -> bool {
         match self.planned.front() {
             None => true,

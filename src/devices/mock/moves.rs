@@ -10,7 +10,7 @@ pub(super) struct Key {
     pub(super) id: i32,
 }
 
-/// A straight move of the tool.
+/// A linear motion of the TCP.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Lin {
     pub(super) key: Option<Key>,
@@ -27,7 +27,7 @@ pub(super) struct Lin {
     pub(super) acceleration_mm_s2: f64,
 }
 
-/// A move of the axes.
+/// A PTP motion of the axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Ptp {
     pub(super) key: Option<Key>,
@@ -71,7 +71,7 @@ impl Move {
 pub(super) struct Override {
     pub(super) tool_mm_s: f64,
     pub(super) axis_share: f64,
-    /// $OV_PRO as a share of every programmed speed, 0…1.
+    /// $OV_PRO as a fraction of every programmed speed, 0…1.
     pub(super) share: f64,
 }
 

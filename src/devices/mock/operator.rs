@@ -9,7 +9,7 @@ use super::wire::Channel;
 use crate::geometry::Joints;
 
 impl Controller {
-    /// Starts the robot program if drives, guard, mode and key allow it. The arm stays where it is.
+    /// Starts the robot program if drives, guard, mode and key allow it. This does not move the arm.
     pub fn start_program(&mut self) {
         if self.running.is_some() {
             return self.start_interpreted();
@@ -55,7 +55,7 @@ impl Controller {
         self.safety.mode = mode;
     }
 
-    /// Presses or releases the start key, which T1 and T2 need; if it is released, the motion waits.
+    /// Presses or releases the start key, which must be held in T1 and T2; when it is released, the motion pauses.
     pub fn hold_start_key(&mut self, held: bool) {
         self.safety.start_key = held;
         if held {
@@ -63,8 +63,8 @@ impl Controller {
         }
     }
 
-    /// Jogs the arm to these angles, as a person does; it is there at once. Not possible while anything is planned.
-    /// Returns whether it was done.
+    /// Jogs the arm to these angles, as a person does; the arm is there at once. This is not possible while a motion
+    /// is planned. Returns whether the arm was jogged.
     pub fn jog(&mut self, joints: Joints) -> bool {
         let stands = self.mover.is_idle();
         if stands {

@@ -1,13 +1,13 @@
-//! How a mock controller's clock, mode and rules can be set.
+//! Options of a mock controller: its clock, its mode and the rules that it follows.
 
 /// The source of the controller's time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Clock {
-    /// The caller of [`Controller::advance_ms`](super::Controller::advance_ms), as the server does by the wall
-    /// clock.
+    /// Time passes only by [`Controller::advance_ms`](super::Controller::advance_ms), which the server calls by the
+    /// wall clock.
     Free,
-    /// The client's heartbeats: each heartbeat grants 100 ms, once every command up to the one that it names has
-    /// arrived.
+    /// Time passes only by the client's heartbeats: each heartbeat grants 100 ms, after every command up to the one
+    /// that it names has arrived.
     LockStep,
 }
 
@@ -35,7 +35,7 @@ pub enum Rule {
     LinkLoss,
     /// A stop discards the queued commands.
     Discard,
-    /// A stop in contact makes a retract.
+    /// A stop in contact is followed by a retract.
     Retract,
     /// The end of an epoch switches outputs off.
     OutputsOff,

@@ -4,7 +4,8 @@
 use super::model::Controller;
 use super::options::Rule;
 
-/// Time during which an output that went off after an epoch's end is switched off again, ms.
+/// Time after the switch-off following an epoch's end during which an output is switched off again if it is switched
+/// on, ms.
 const KEEP_OFF_MS: u64 = 1_000;
 
 impl Controller {
@@ -28,13 +29,13 @@ impl Controller {
         }
     }
 
-    /// Returns whether the tool or the water is on.
+    /// Returns whether an output that the end of an epoch switches off at once, such as tool or water, is on.
     pub(super) fn is_at_stake(&self) -> bool {
         let mut at_once = self.setup.off_after_ms.iter().filter(|(_, after_ms)| **after_ms == 0);
         at_once.any(|(number, _)| self.outputs.get(number) == Some(&true))
     }
 
-    /// Switches off the outputs of the list for which the time meets this condition.
+    /// Switches off the outputs in the list of automatic switch-off whose delay satisfies this condition.
     pub(super) fn switch_off(&mut self, is_over: impl Fn(u64) -> bool) {
         if self.setup.left_out == Some(Rule::OutputsOff) {
             return;
@@ -45,7 +46,7 @@ impl Controller {
         on.into_iter().for_each(|number| self.set_output(number, false));
     }
 
-    /// Switches off each output of the list when its time after an epoch's end is over, and keeps it off for a
+    /// Switches off each output of the list when its delay after an epoch's end has passed, and keeps it off for a
     /// while.
     pub(super) fn switch_off_in_time(&mut self) {
         if self.epoch.open || self.setup.left_out == Some(Rule::OutputsOff) {

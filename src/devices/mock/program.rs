@@ -1,7 +1,7 @@
-//! The robot interpreter's part: the advance run, the main run, and their results.
+//! The tasks of the robot interpreter: the advance run, the main run, and their results.
 //!
-//! Commands are planned in order. Speeds apply to the commands that follow. Base, tool, outputs and subroutines
-//! wait until the arm has stopped, as statements that stop the advance run do.
+//! Commands are planned in order. Speeds apply to the commands that follow. Base, tool, outputs and subroutines wait
+//! until the arm has stopped, like statements that stop the advance run.
 
 use super::epoch::ActiveTool;
 use super::kinematics;
@@ -204,7 +204,7 @@ impl Controller {
         }
     }
 
-    /// Sets the count to the last command before the oldest one that is not executed.
+    /// Sets the count of executed commands: all before the oldest command that is not executed.
     pub(super) fn count_done(&mut self) {
         if !self.epoch.open {
             return;
@@ -221,7 +221,7 @@ impl Controller {
             return;
         }
         let base_from_flange = self.flange_pose();
-        // A real arm holds a real tool; $TOOL is a calibration's estimate.
+        // The real arm carries the real tool; $TOOL is only the calibrated estimate.
         let joints = self.mover.joints();
         let real_arm = self.setup.real_arm.as_ref();
         let base_from_tool =
@@ -236,9 +236,9 @@ impl Controller {
         });
     }
 
-    /// Returns the tool's pose in the active base; flange and robot base if none was set.
+    /// Returns the tool's pose in the active base; if none was set, the pose of the flange in the robot's base.
     pub(super) fn tcp(&self) -> KukaPose {
-        // Without a program the controller cannot report it.
+        // Without a program the controller cannot report the pose.
         if !self.safety.has_program() {
             return KukaPose::default();
         }

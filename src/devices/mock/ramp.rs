@@ -1,16 +1,16 @@
-//! Speed along a path: up at the allowed acceleration, constant at the allowed speed, down to a standstill at its
-//! end.
+//! Speed along a path: acceleration at the allowed rate, constant at the allowed speed, deceleration to a standstill
+//! at the end of the path.
 //!
-//! From speed v, with distance d to the stop, the highest speed from which braking is still possible is √(v²/2 + a
-//! d); braking from v needs v²/2a. The unit of length is the caller's: mm on a line, otherwise degrees of the
-//! leading axis.
+//! From speed v, with distance d to the stop, the highest speed from which braking is still possible is √(v²/2 + a d);
+//! braking from v needs v²/2a. The unit of length is the caller's: mm on a line, otherwise degrees of the leading
+//! axis.
 
 /// The limits for one step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Limits {
     /// Remaining length to the point where the motion must stop.
     pub(super) to_stop: f64,
-    /// Highest speed per second.
+    /// Highest speed, in units of length per second.
     pub(super) speed: f64,
     /// Acceleration and deceleration per second².
     pub(super) acceleration: f64,
@@ -43,8 +43,8 @@ pub(super) fn step(speed: f64, limits: Limits, step_s: f64) -> (f64, f64) {
     if left_s > 0.0 {
         change(&mut gone, &mut now, &mut left_s, 0.0);
     }
-    // A nanometre before the stop counts as the stop, and a nanometre per second as standstill: rounding alone
-    // would leave 10⁻³²⁰ for ever.
+    // A nanometre before the stop counts as the stop, and a nanometre per second as standstill: otherwise rounding
+    // would leave a rest such as 10⁻³²⁰ without end.
     if to_stop - gone < 1e-6 { (to_stop, 0.0) } else { (gone, if now < 1e-6 { 0.0 } else { now }) }
 }
 
@@ -57,7 +57,7 @@ mod tests {
         let (mut time_s, mut speed, mut fastest) = (0.0, 0.0, 0.0_f64);
         while limits.to_stop > 0.0 {
             let (gone, next) = step(speed, limits, 0.012);
-            // When the last nanometre is cut off, the speed left there is also cut off.
+            // At the end the last nanometre is skipped, and so is the small remaining speed.
             assert!((next - speed).abs() <= limits.acceleration * 0.012 + 0.2, "{speed} then {next}");
             limits.to_stop -= gone;
             speed = next;

@@ -1,9 +1,8 @@
 //! The states of the safety controller and the pendant, and their effect on the robot program.
 //!
-//! The program runs, is paused (T1 and T2 without the start key), or was reset and waits for its start. An
-//! emergency stop, drives off, an open guard, a turned mode switch and any stop of a paused program reset it. Then
-//! no start key continues the planned motions, and the position of the tool's tip is unknown until the program is
-//! started again.
+//! The program runs, is paused (T1 and T2 without the start key), or was reset and waits for its start. An emergency
+//! stop, drives off, an open guard, a turned mode switch and any stop of a paused program reset it. Then no start key
+//! continues the planned motions, and the TCP position is unknown until the program is started again.
 
 use super::options::Mode;
 
@@ -58,7 +57,7 @@ impl Safety {
         self.enabled() && (!self.manual() || self.start_key)
     }
 
-    /// Returns whether there is a program that has made its block coincidence.
+    /// Returns whether a program was started and has made its block coincidence.
     pub(super) fn has_program(&self) -> bool {
         self.started
     }

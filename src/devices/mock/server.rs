@@ -36,14 +36,15 @@ impl Ports {
 
 /// If a client does not read for this long, its connection is closed.
 const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
-/// Interval at which new clients are looked for and, in free time, missing ticks are made up for.
+/// Interval of the checks for new clients; in free time, the ticks that are due since the last check are also executed
+/// then.
 const POLL_INTERVAL: Duration = Duration::from_millis(3);
 
 struct Shared {
     controller: Controller,
     command: Option<TcpStream>,
     state: Option<TcpStream>,
-    /// Slow inward directions of the connections, by channel; the next field has the outward ones.
+    /// The slow streams towards the controller, by channel; the next field has the streams to the clients.
     ways_in: [DelayedStream; 2],
     ways_out: [DelayedStream; 2],
 }
@@ -109,7 +110,8 @@ pub struct MockHandle {
 
 impl MockHandle {
     fn lock(&self) -> MutexGuard<'_, Shared> {
-        // A test that failed while it had locked the controller must not be hidden behind a second failure here.
+        // The lock is used even after a panic: a test that failed while it had locked the controller must not be
+        // hidden by a second failure here.
         self.shared.lock().unwrap_or_else(PoisonError::into_inner)
     }
 

@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 pub struct Setup {
     /// The arm.
     pub arm: Arm,
-    /// The arm as built, if it differs from its drawing; the true flange pose comes from this one.
+    /// The real arm, if it differs from the nominal geometry; the true flange pose is calculated from the real arm.
     pub real_arm: Option<RealArm>,
     /// The axis angles at the start.
     pub start: Joints,
@@ -34,16 +34,16 @@ pub struct Setup {
     pub outputs: Vec<u16>,
     /// The $OUT that runs the tool.
     pub tool_output: Option<u16>,
-    /// Each $OUT that the end of an epoch switches off, and the delay, ms. With 0, it is switched off at once, and
-    /// silence of the client is watched while it is on.
+    /// Each $OUT that the end of an epoch switches off, and the delay, ms. With the delay 0, the output is switched
+    /// off at once, and the client is watched for silence while the output is on.
     pub off_after_ms: BTreeMap<u16, u64>,
     /// The $OUT of each signal to a line: ready, cycle done, pass, fail, review, fault; 0 if there is none.
     pub line_outputs: [u16; 6],
-    /// Inputs that can be set, with the $FLAG that represents each.
+    /// Inputs that can be set, with the $FLAG that is read in place of each input.
     pub mapped_inputs: BTreeMap<u16, u16>,
     /// Duration of each user subroutine, ms; its index is its position here, from 0.
     pub subroutines_ms: Vec<u64>,
-    /// The count of the last state before the start.
+    /// The sequence number of the last state before the start.
     pub first_state: i32,
     /// What goes wrong.
     pub faults: FaultSpec,

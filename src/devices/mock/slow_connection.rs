@@ -38,7 +38,7 @@ impl DelayedStream {
         self.pieces.pop_front_if(|(due, _)| *due <= now).map(|(_, piece)| piece)
     }
 
-    /// Clears the stream: the connection is lost, and so are the bytes on the way.
+    /// Clears the stream: the connection is lost, and with it the bytes in transit.
     pub(super) fn clear(&mut self) {
         self.pieces.clear();
     }

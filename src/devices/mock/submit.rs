@@ -13,8 +13,8 @@ const COMMANDS_PER_TICK: usize = 8;
 const GRANT_MS: u64 = 100;
 /// Silence after which the queued commands are stopped, ms.
 const WATCHDOG_MS: u64 = 400;
-/// Silence after which the program considers its channels dead, clears them and listens again. Otherwise a client
-/// that disappeared without closing its connection would hold its place for ever.
+/// Time of silence after which the program considers its channels dead, clears them and listens again. Otherwise a
+/// client that disappeared without closing its connection would occupy the channel for ever.
 const SILENCE_MS: u64 = 3_000;
 /// The time for clearing, initialising and opening a channel.
 pub(super) const REOPEN_MS: u64 = 24;
@@ -61,14 +61,15 @@ impl Controller {
         }
     }
 
-    /// Returns whether the named commands need no further wait. There is no wait if the channel was lost or the
-    /// epoch has ended; a channel that is not yet open is waited for.
+    /// Returns whether there is no need to wait for the named commands. This is so if they have arrived, the channel
+    /// was lost or the epoch has ended; if a channel is not yet open, the heartbeat waits for it.
     fn is_delivered(&self, heartbeat: &Request) -> bool {
         let named = (heartbeat.epoch, heartbeat.n1);
         heartbeat.n1 <= 0 || !self.awaits_commands || heartbeat.epoch < self.epoch.number || self.arrived >= named
     }
 
-    /// Executes the client's abort. It stops in any case; a number that may not follow does not change the count.
+    /// Executes the client's abort. The epoch stops in any case; a number that is not allowed as the next epoch does
+    /// not change the count.
     fn abort(&mut self, number: i32) {
         self.stop(StopCause::Abort, String::new());
         if self.follows(number) {
@@ -76,8 +77,8 @@ impl Controller {
         }
     }
 
-    /// Returns whether the number is higher than the epoch, by at most one step: one wrong message must not use up
-    /// the count.
+    /// Returns whether the number is higher than the epoch by at most one step: a single wrong message must not
+    /// exhaust the count.
     fn follows(&self, number: i32) -> bool {
         let steps = i64::from(number) - i64::from(self.epoch.number);
         steps > 0 && (steps <= i64::from(EPOCH_STEP) || self.setup.left_out == Some(Rule::EpochStep))
@@ -189,7 +190,7 @@ impl Controller {
         if right { Ok(()) } else { Err(Refusal::OutOfRange) }
     }
 
-    /// Returns the flag that represents this input.
+    /// Returns the flag that is read in place of this input.
     pub(super) fn mapped_flag(&self, input: i32) -> Option<u16> {
         u16::try_from(input).ok().and_then(|input| self.setup.mapped_inputs.get(&input)).copied()
     }
@@ -240,7 +241,7 @@ impl Controller {
         if self.epoch.open {
             self.stop(StopCause::SubmitDead, String::new());
         }
-        // Nothing else counts the time of outputs that an ended epoch left on.
+        // Switches off at once all outputs that an ended epoch left on, because no interpreter counts their delays.
         self.switch_off(|_| true);
     }
 
@@ -264,7 +265,8 @@ impl Controller {
         self.count_done();
         let contact = self.contact.touches(self.mover.front());
         let at_once = cause.is_at_once() || self.safety.paused();
-        // A retract ends an epoch; it is never made up for later, and only a running program makes it.
+        // A retract is part of the end of an epoch; it is never executed later, and only a running program can execute
+        // it.
         let may_retract =
             self.epoch.open && self.safety.has_program() && self.setup.left_out != Some(Rule::Retract);
         if self.epoch.open {

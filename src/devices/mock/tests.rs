@@ -136,7 +136,7 @@ impl Rig {
         (0..count).for_each(|_| self.beat());
     }
 
-    /// Sends heartbeats until nothing moves; their limit is far beyond every path of these tests.
+    /// Sends heartbeats until nothing moves; the maximum number is far more than any path of these tests needs.
     fn settle(&mut self) {
         for _ in 0..200 {
             self.beat();
@@ -148,7 +148,7 @@ impl Rig {
         panic!("it never stands");
     }
 
-    /// Sends straight points along the base's X, 5 mm apart: `sent` of `planned` points, blended by 2 mm.
+    /// Sends linear motions along the base's X, 5 mm apart: `sent` of `planned` points, blended by 2 mm.
     fn line(&mut self, planned: i32, sent: i32, contact: bool) {
         for point in 1..=sent {
             let p = [5.0 * f64::from(point), 0.0, 0.0, 0.0, 0.0, 0.0];

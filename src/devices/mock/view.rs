@@ -7,7 +7,7 @@ use crate::geometry::{Base, Flange, Joints, Rigid};
 use std::collections::BTreeMap;
 
 impl Controller {
-    /// Returns how late bytes arrive, whether they come in pieces, and the seed of both.
+    /// Returns the delay of the bytes, whether they are sent in fragments, and the seed of both.
     pub(super) fn wire_faults(&self) -> (Option<(u64, u64)>, bool, u64) {
         let faults = &self.setup.faults;
         (faults.delay_ms, faults.fragment, faults.seed)
@@ -81,7 +81,7 @@ impl Controller {
         self.running.as_ref().map_or(self.stopped, |running| running.is_stopped())
     }
 
-    /// Returns how often the next point was missing.
+    /// Returns how many times the next point was missing.
     pub fn underruns(&self) -> i32 {
         self.running.as_ref().map_or(self.underruns, |running| running.underruns())
     }
@@ -96,7 +96,7 @@ impl Controller {
         &self.executed
     }
 
-    /// Returns the tool at each tick of every contact.
+    /// Returns the samples of the tool at each tick of every contact.
     pub fn trace(&self) -> &[Sample] {
         &self.trace
     }

@@ -106,7 +106,7 @@ pub(super) const HEARTBEAT: i32 = 10;
 pub(super) const ABORT: i32 = 11;
 pub(super) const RESET: i32 = 12;
 pub(super) const LINE: i32 = 13;
-/// The outputs to a line while no client is connected: only a fault.
+/// The outputs to a line while no client is connected: only the fault output is on.
 pub(super) const LINE_ALONE: i32 = 32;
 
 /// The positions of a command's values in a channel's memory.
@@ -131,7 +131,8 @@ impl CommandPlaces {
         memory.waiting(self.ints[0]) > 0
     }
 
-    /// Removes and returns the next command: eight reads, and their counts must belong to one document.
+    /// Removes and returns the next command by eight reads; the sequence numbers of all values must be that of one
+    /// document.
     pub(super) fn pop(&self, memory: &mut Memory) -> Result<Command, EkiFault> {
         let mut row = Row::default();
         let [id, epoch, operation, n1, n2] = self.ints.map(|place| row.keep(memory.get_int(place)));
@@ -177,7 +178,7 @@ impl RequestPlaces {
         memory.waiting(self.0[0]) > 0
     }
 
-    /// Returns operation, epoch and N1 of the next request without removing it; `None` if it lacks one.
+    /// Returns operation, epoch and N1 of the next request without removing it; `None` if one of them is missing.
     pub(super) fn next(&self, memory: &Memory) -> Option<Request> {
         let [id, epoch, operation, n1] = self.0.map(|place| memory.peek(place).ok().and_then(int));
         Some(Request { id: id?, epoch: epoch?, operation: operation?, n1: n1? })
@@ -192,7 +193,7 @@ impl RequestPlaces {
     }
 }
 
-/// The values that a program finds in one row of reads.
+/// The state of reading the values of one row: all must belong to the same document.
 #[derive(Default)]
 struct Row {
     fault: Option<EkiFault>,

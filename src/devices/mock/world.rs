@@ -1,7 +1,7 @@
 //! The world around the controller: outputs act on it, inputs come from it.
 
-/// The world on the other side of the controller's terminals. It is called while the controller is locked, so it
-/// must not request anything from the controller.
+/// The world on the other side of the controller's terminals. The world is called while the controller is locked, so
+/// it must not request anything from the controller.
 pub trait World: Send {
     /// `$OUT[number]` changed.
     fn on_output(&mut self, number: u16, value: bool, time_ms: u64);

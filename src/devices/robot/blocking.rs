@@ -10,7 +10,7 @@ use tokio::runtime::Runtime;
 /// A [`RobotLink`] with blocking calls.
 #[derive(Debug)]
 pub struct BlockingLink {
-    // Dropped first: the link's thread then ends by itself.
+    // This field is dropped first, so that the link's thread ends by itself.
     link: RobotLink,
     runtime: Runtime,
 }

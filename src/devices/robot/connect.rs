@@ -9,10 +9,11 @@ use tokio::net::TcpStream;
 
 /// Timeout for a connection.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
-/// Bytes that are not acknowledged for this long end the connection.
+/// Time after which a connection ends if sent bytes are not acknowledged.
 const USER_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Connects the command channel, then the state channel: a controller that receives a state request has both.
+/// Connects the command channel, then the state channel: so a controller that receives a state request has both
+/// channels.
 pub(super) async fn connect(address: &Address) -> Result<(TcpStream, TcpStream), LinkLoss> {
     // One after the other: if the program on the controller does not run, one refusal with its port is the whole
     // message.
@@ -32,8 +33,8 @@ async fn open(channel: Channel, host: &str, port: u16) -> Result<TcpStream, Link
     Ok(stream)
 }
 
-/// Returns why there is no connection. If a cable is unplugged, the next host or the system itself reports that
-/// there is no route, and the controller does not answer.
+/// Returns the reason for a failed connection. If a cable is unplugged, the next host or the system itself reports
+/// that there is no route; this is reported as a controller that does not answer.
 fn refused_by(error: &IoError, channel: Channel, address: String) -> LinkLoss {
     match error.kind() {
         ErrorKind::ConnectionRefused => LinkLoss::Refused { channel, address },
@@ -62,7 +63,7 @@ fn set_up(stream: &TcpStream) -> Result<(), IoError> {
     Ok(())
 }
 
-/// Returns the system's error, and for a missing permission where to look.
+/// Returns the system's error and, if a permission is missing, where to check it.
 pub(super) fn failed(channel: Channel, error: &IoError) -> LinkLoss {
     if matches!(error.kind(), ErrorKind::ConnectionReset | ErrorKind::ConnectionAborted | ErrorKind::BrokenPipe) {
         return LinkLoss::Closed { channel };
@@ -80,7 +81,7 @@ pub(super) fn failed(channel: Channel, error: &IoError) -> LinkLoss {
 mod tests {
     use super::*;
 
-    /// As the kernel reports it if a unit's IPAddressDeny blocks the packet.
+    /// The error as the kernel reports it if a unit's IPAddressDeny blocks the packet.
     #[test]
     fn a_network_that_the_unit_does_not_allow_is_told() {
         let said = failed(Channel::Command, &IoError::from_raw_os_error(rustix::io::Errno::PERM.raw_os_error()));
@@ -90,7 +91,7 @@ mod tests {
         assert!(!other.to_string().contains("network.conf"), "{other}");
     }
 
-    /// As the kernel reports it if a cable is unplugged, and if nothing listens.
+    /// The errors as the kernel reports them if a cable is unplugged, and if no program listens.
     #[test]
     fn a_host_that_cannot_be_reached_does_not_answer() {
         let loss = |errno: rustix::io::Errno| {

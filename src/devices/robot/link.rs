@@ -17,7 +17,7 @@ use tokio::sync::{mpsc, oneshot};
 
 /// The longest time without a sign of life of the thread.
 const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(4);
-/// The link's thread answers each request, and ends, within this time.
+/// Time within which the link's thread answers each request, and within which it ends.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Returns the link's limits from the cell's file.
@@ -30,7 +30,7 @@ pub fn link_limits(cell: &cell::Cell) -> LinkLimits {
         min_points: limits.min_points(),
         heartbeat: ms(limits.heartbeat_ms()),
         watchdog: ms(limits.watchdog_ms()),
-        // A cell's file with too many names was already refused.
+        // The default is never used: a cell's file with too many names was already refused.
         mapped_inputs: MappedInputs::new(cell.io().mapped_inputs().values().copied()).unwrap_or_default(),
         harmful_outputs: cell.io().harmful_bits(),
     }
@@ -55,22 +55,22 @@ pub enum StartError {
     Thread(#[from] std::io::Error),
 }
 
-/// The controller's outputs to a line; their holder sets them and moves nothing with them. Clones refer to the same
-/// outputs.
+/// The controller's outputs to a line; with this handle, only these outputs can be set, and nothing can be moved.
+/// Clones refer to the same outputs.
 #[derive(Debug, Clone)]
 pub struct LineOutputs(mpsc::WeakUnboundedSender<LinkRequest>);
 
 impl LineOutputs {
     /// Sets the outputs, the first output by the lowest bit. They reach the controller with the next message to it.
     pub fn set(&self, bits: u32) {
-        // The output line does not keep the link alive.
+        // The handle of the line's outputs does not keep the link alive.
         let Some(orders) = self.0.upgrade() else { return };
         #[expect(clippy::let_underscore_must_use, reason = "a link that has ended tells nobody anything")]
         let _ = orders.send(LinkRequest::Line(bits));
     }
 }
 
-/// The shortest way to a stop: the abort frame is sent at once, even while the rest of the program waits. All
+/// The fastest way to stop the robot: the abort frame is sent at once, even while the rest of the program waits. All
 /// clones stop the same link.
 #[derive(Debug, Clone)]
 pub struct StopLine(mpsc::WeakUnboundedSender<LinkRequest>);
@@ -79,7 +79,7 @@ impl StopLine {
     /// Ends the open epoch, as [`RobotLink::abort`] does, without waiting. If there is nothing to stop, it sends
     /// nothing.
     pub fn stop(&self) {
-        // The stop line does not keep the link alive.
+        // The handle for stopping does not keep the link alive.
         let Some(orders) = self.0.upgrade() else { return };
         #[expect(
             clippy::let_underscore_must_use,
@@ -95,7 +95,7 @@ pub struct RobotLink {
     orders: mpsc::UnboundedSender<LinkRequest>,
     reports: Arc<ReportQueue>,
     pace: Pace,
-    /// The number of reports at the last request to let time pass.
+    /// The number of reports when time was last allowed to pass.
     granted: Option<u64>,
     thread: Option<JoinHandle<()>>,
     watched: Watched,
@@ -135,7 +135,7 @@ impl RobotLink {
         LineOutputs(self.orders.downgrade())
     }
 
-    /// The shortest way to a stop.
+    /// Returns the fastest way to stop the robot.
     pub fn stop_line(&self) -> StopLine {
         StopLine(self.orders.downgrade())
     }
@@ -223,7 +223,7 @@ impl RobotLink {
     ) -> Result<T, QueueError> {
         let (reply, answer) = oneshot::channel();
         self.orders.send(order(reply)).map_err(|_| QueueError::NotConnected)?;
-        // The thread answers at once. If it does not, it is lost, and the caller must not be lost with it.
+        // The thread answers at once. If it does not, it has failed, and the caller must not wait for it for ever.
         match tokio::time::timeout(RESPONSE_TIMEOUT, answer).await {
             Ok(Ok(answer)) => answer,
             Ok(Err(_)) | Err(_) => Err(QueueError::NotConnected),
@@ -255,9 +255,8 @@ impl Drop for RobotLink {
 /// The priority of the link's thread over other threads of the machine (nice value).
 const NICE: i32 = -10;
 
-/// Raises the priority of the calling thread, and no other. If the system does not permit this (`LimitNICE` of the
-/// unit does), the link runs at the program's own priority. Computing threads have lowered their own priority below
-/// that.
+/// Raises the priority of the calling thread only. If the system does not permit this (the unit's `LimitNICE` does),
+/// the link runs at the program's own priority. Computing threads have lowered their own priority below that.
 fn raise_priority() {
     if let Err(error) = rustix::process::setpriority_process(None, NICE) {
         tracing::info!("the robot link runs at the program's own priority: {error}");

@@ -18,7 +18,7 @@ pub(super) enum LinkRequest {
     Stop,
     /// The outputs to a line; no caller waits for them.
     Line(u32),
-    /// Let virtual time pass, if nothing was reported since this count of reports.
+    /// Lets virtual time pass, if no report was added since this count of reports.
     Grant {
         told: u64,
     },

@@ -1,7 +1,7 @@
-//! Reports on their way from the link's thread to their reader.
+//! The queue of reports from the link's thread to their reader.
 //!
-//! A reader that is busy for a long time finds only the newest state and the newest progress. The other reports
-//! grow only with commands and faults, which the reader itself has requested.
+//! A reader that is busy for a long time finds only the newest state and the newest progress. The number of other
+//! reports grows only with commands and faults, which the reader itself has requested.
 
 use crate::eki::Report;
 use std::collections::VecDeque;
@@ -24,7 +24,7 @@ struct Inside {
     unread_since: Option<Instant>,
 }
 
-/// No report is waiting.
+/// The result if no report is waiting.
 #[derive(Debug)]
 pub(super) struct Empty {
     /// Number of reports so far.
@@ -39,7 +39,8 @@ impl ReportQueue {
         self.inside.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Adds a report. It replaces an older report of the same kind if only states and progress follow that one.
+    /// Adds a report. If `replaces` is set, a state or progress replaces an older report of the same kind, provided
+    /// that only states and progress were added after the older one.
     pub(super) fn add(&self, report: Report, replaces: bool) {
         let mut inside = self.lock();
         // States and progress supersede each other; every other report is an event that a slow reader must not miss.
@@ -65,7 +66,7 @@ impl ReportQueue {
         inside.waiting.pop_front().ok_or(Empty { told: inside.told, closed: inside.closed })
     }
 
-    /// Notes that the sender of orders is also active.
+    /// Records that the program was active by sending a request: reports then count as unread from now on only.
     pub(super) fn attended(&self) {
         let mut inside = self.lock();
         inside.unread_since = inside.unread_since.map(|_| Instant::now());
@@ -96,8 +97,8 @@ mod tests {
     use super::*;
     use crate::eki::{CommandId, Epoch};
 
-    /// A reader that sleeps through a path finds the start of the epoch, its end, and the newest report of each
-    /// kind of progress.
+    /// A reader that does not read during a whole path finds the start of the epoch, its end, and the newest report of
+    /// each kind of progress.
     #[test]
     fn only_the_newest_progress_waits_and_nothing_else_is_lost() {
         let queue = ReportQueue::default();

@@ -18,11 +18,11 @@ const MIN_RECONNECT_DELAY: Duration = Duration::from_millis(100);
 const MAX_RECONNECT_DELAY: Duration = Duration::from_secs(1);
 /// Time limit for sending an abort when the link is closed.
 const ABORT_SEND_TIMEOUT: Duration = Duration::from_millis(100);
-/// In lock step no deadline passes. If a controller does not answer for this time by the wall clock, it counts as
+/// In lock step no deadline passes. A controller that does not answer within this time by the wall clock is considered
 /// lost.
 const LOCK_STEP_TIMEOUT: Duration = Duration::from_secs(10);
-/// Reports that are not fetched for this long, while anything is queued, end the epoch: heartbeats mean that the
-/// program looks after the robot, not that this thread runs.
+/// The epoch ends if reports are not fetched for this time while a command is queued: heartbeats must show that the
+/// program supervises the robot, not only that this thread runs.
 const REPORT_READ_TIMEOUT: Duration = Duration::from_secs(1);
 /// Interval at which the thread signals that it works, if nothing else happens.
 const HEARTBEAT_INTERVAL: Duration = Duration::from_millis(500);
@@ -120,7 +120,7 @@ impl Link {
         }
     }
 
-    /// Awaits this and continues to answer orders.
+    /// Awaits this work and continues to answer requests meanwhile.
     async fn meanwhile<T>(&mut self, work: impl Future<Output = T>) -> Result<T, Deserted> {
         tokio::pin!(work);
         loop {
@@ -147,8 +147,8 @@ impl Link {
                     Channel::Command => streams.command_out.extend_from_slice(&bytes),
                     Channel::State => {
                         streams.state_out.extend_from_slice(&bytes);
-                        // In lock step there is no message between two requests, however long a computation lasts:
-                        // the controller's silence counts from a request on.
+                        // In lock step there is no message between two requests, however long a computation lasts: the
+                        // controller's silence is measured from the request on.
                         if self.pace == Pace::LockStep {
                             heard = Instant::now();
                         }
@@ -202,7 +202,7 @@ impl Link {
     fn deadline(&self, heard: Instant) -> Instant {
         match self.pace {
             Pace::LockStep if self.session.awaits_answer() => heard + LOCK_STEP_TIMEOUT,
-            // Nothing is due before the next request; the sleep only needs some end.
+            // No deadline is due before the next request; the sleep only needs some end.
             Pace::LockStep => Instant::now() + LOCK_STEP_TIMEOUT,
             Pace::Wall => {
                 let due = self.session.deadline().map_or(MAX_RECONNECT_DELAY, Time::since_start);
@@ -247,7 +247,7 @@ impl Link {
 
     fn obey(&mut self, order: LinkRequest) {
         self.reports.attended();
-        // A caller that no longer waits for the answer does not want it.
+        // If the caller no longer waits for the answer, sending the answer fails, which has no consequence.
         match order {
             LinkRequest::Queue(command, reply) => drop(reply.send(self.session.queue(command))),
             LinkRequest::QueuePath(points, reply) => drop(reply.send(self.session.queue_path(&points))),

@@ -64,7 +64,7 @@ fn first_loss_of_any(address: Address) -> LinkLoss {
     why
 }
 
-/// Starts a controller at this pace, and the link to it.
+/// Starts a controller with this time base, and the link to it.
 fn cell(pace: Pace) -> (MockServer, BlockingLink) {
     let [commands, states] =
         [CELLCMD, CELLSTAT].map(|text| mock::ChannelFile::parse(text).expect("a shipped file"));
@@ -94,7 +94,7 @@ fn wait<T>(link: &mut BlockingLink, found: impl Fn(&Report) -> Option<T>) -> T {
     panic!("two thousand reports and not the one");
 }
 
-/// Sets base and tool at the arm's position and sends the arm once round a circle of 40 mm.
+/// Sets base and tool at the arm's position and moves the arm once around a circle with a radius of 40 mm.
 fn circle(pace: Pace, points: usize, speed_m_s: f64) -> (Vec<mock::Executed>, i32, Vec<CommandId>) {
     let (server, mut link) = cell(pace);
     let state = wait(&mut link, |report| match report {
@@ -131,8 +131,8 @@ fn circle(pace: Pace, points: usize, speed_m_s: f64) -> (Vec<mock::Executed>, i3
     server.handle().with(|controller| (controller.executed().to_vec(), controller.underruns(), progress))
 }
 
-/// Longer than a controller may be silent: during a computation no time passes, and nothing is requested from the
-/// controller.
+/// The pause is longer than a controller may be silent: during a computation no time passes, and nothing is requested
+/// from the controller.
 #[test]
 fn a_pause_between_two_questions_is_no_silence_in_lock_step() {
     let (_server, mut link) = cell(Pace::LockStep);
@@ -156,7 +156,8 @@ fn five_hundred_points_are_executed_once_in_lock_step() {
     assert_eq!(ids, (4..=503).collect::<Vec<i32>>());
     assert_eq!(underruns, 0);
     assert!(progress.is_sorted_by(|one, next| one < next) && progress.last() == Some(&CommandId(503)));
-    // By hand: 2π·40 mm = 251.3 mm at 40 mm/s are 6.28 s, less the first point, plus the ends.
+    // Calculated by hand: 2π·40 mm = 251.3 mm at 40 mm/s are 6.28 s, less the first point, plus acceleration and
+    // braking at the ends.
     let took_ms = executed[499].time_ms - executed[0].time_ms;
     assert!((6_200..6_500).contains(&took_ms), "{took_ms} ms");
     // In virtual time a second run is equal to the bit, whatever the machine does.

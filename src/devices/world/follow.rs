@@ -1,13 +1,13 @@
-//! The simulated world around a controller in another process, as in a rehearsal. Only its state messages are
-//! known, about ten times a second.
+//! The simulated world around a controller in another process, as in a rehearsal. The only data are its state
+//! messages, about ten times a second.
 //!
-//! The arm is at the pose of the last message until the next one; in between, time passes by the wall clock.
-//! Outputs act on the world from the message before the one that first shows them, up to 100 ms early. If they
-//! acted later, a message could show the feedback of a shutter that is not open here yet. Messages do not state
-//! contact. If the tool's output is on, the tip is assumed to move in a straight line from one message's position
-//! to the next. It is assumed to sand where it is within a pad's reach of the true surface. Corners of the path are
-//! therefore cut by the distance that the arm moves in 100 ms, a few millimetres under a disc of 20 mm and more. If
-//! messages were late, nothing is interpolated: only the reported positions count.
+//! The arm is taken to be at the pose of the last message until the next one; in between, time passes by the wall
+//! clock. Outputs act on the world from the time of the message before the first one that shows them, so up to 100 ms
+//! early. If they acted later, a message could already show the feedback of a shutter that is not open in this world
+//! yet. Messages do not state contact. If the tool's output is on, the TCP is assumed to move in a straight line from
+//! one message's position to the next, and to sand wherever it is within a pad's reach of the true surface. Corners of
+//! the path are therefore cut by at most the distance that the arm moves in 100 ms, a few millimetres under a disc of
+//! 20 mm and more. If messages were late, nothing is interpolated: only the reported positions count.
 
 use super::simulated_world::{Moment, SimulatedWorld};
 use crate::cell::{Cell, Output};
@@ -17,12 +17,12 @@ use crate::geometry::{Base, Flange, Rigid, Tool};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-/// If two messages are farther apart than this, the motion between them is not known, ms.
+/// Longest time between two messages for which the motion between them is interpolated, ms.
 const STRAIGHT_MS: u64 = 350;
 /// Distance of the interpolated positions between two messages, mm.
 const STEP_MM: f64 = 1.0;
 
-/// Follows a controller by its messages; all clones follow the same controller.
+/// Lets the world follow a controller by its messages; all clones follow the same controller.
 #[derive(Clone)]
 pub struct Follower {
     world: SimulatedWorld,
@@ -38,8 +38,8 @@ struct ReceivedStates {
     trace: Vec<Sample>,
 }
 
-/// A message, its time of arrival, and the time since the start of the first controller: a controller that restarts
-/// counts from zero.
+/// A message, its time of arrival, and an offset that makes its time count from the start of the first controller: a
+/// controller that restarts counts from zero.
 #[derive(Clone, Copy)]
 struct ReceivedState {
     state: State,
@@ -66,7 +66,7 @@ impl ReceivedState {
 }
 
 impl Follower {
-    /// Creates a follower that lets this world follow the controller of this cell.
+    /// Creates a follower: this world then follows the controller of this cell.
     pub fn new(world: SimulatedWorld, cell: &Cell) -> Self {
         Follower { world, cell: Arc::new(cell.clone()), told: Arc::default() }
     }
@@ -137,7 +137,7 @@ impl Follower {
     }
 }
 
-/// Returns the tool poses between two messages if the tool ran.
+/// Returns the tool poses between two messages, if the tool ran.
 fn way(from: &ReceivedState, to: &ReceivedState, ran: bool) -> Vec<Sample> {
     let sample = |base_from_tool: Rigid<Base, Tool>| Sample {
         time_ms: to.time_ms(),

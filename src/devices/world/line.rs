@@ -1,5 +1,4 @@
-//! A simulated line: it brings parts, requests cycles, and removes finished parts, by the controller's signals
-//! alone.
+//! A simulated line: it brings parts, requests cycles, and removes finished parts, only by the controller's signals.
 //!
 //! | It reads | It does |
 //! |---|---|
@@ -12,7 +11,7 @@ use crate::cell::{InputsOutputs, LINE_INPUTS, LineSignal};
 
 /// Time between the signal and the moment at which a part is brought in or taken out.
 const CARRIES_MS: u64 = 1_000;
-/// Delay with which the start request follows the part, and with which the request ends.
+/// Delay between the part and the start request, and delay with which the request ends.
 const ANSWERS_MS: u64 = 500;
 
 /// A signal of the line, and the time at which it changes.
@@ -60,7 +59,7 @@ impl SimulatedLine {
         })
     }
 
-    /// Processes a changed output of the controller; returns whether it brings in another part.
+    /// Processes a changed output of the controller; returns whether the line brings in another part.
     pub fn reads(&mut self, number: u16, on: bool, now_ms: u64) -> bool {
         let (part_present, start_request) = (&mut self.part_present.1, &mut self.start_request.1);
         if number == self.ready && on && self.parts > 0 {
@@ -107,7 +106,7 @@ mod tests {
         [30, 31].map(|number| line.sets(number, now_ms).expect("its own"))
     }
 
-    /// One part: brought, its cycle requested, removed; there is no second one.
+    /// One part is brought in, its cycle is requested, and it is removed; there is no second part.
     #[test]
     fn a_part_comes_is_asked_for_and_goes() {
         let mut line = line(1);

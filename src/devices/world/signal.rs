@@ -31,7 +31,7 @@ pub(super) struct Signal {
     pub on: bool,
     /// When it changed.
     since_ms: u64,
-    /// Whether the driven device was running at that time.
+    /// Whether the driven device was running when the output last changed.
     ran: bool,
 }
 
@@ -58,8 +58,8 @@ impl Signal {
         self.runs(now_ms) != (self.output == Output::Spray)
     }
 
-    /// Returns how far the driven device has started, 0…1, linear in time; when it is switched off, the value is 0
-    /// at once.
+    /// Returns the start-up progress of the driven device, 0…1, linear in time; when the device is switched off, the
+    /// value is 0 at once.
     pub fn share(&self, now_ms: u64) -> f64 {
         let since_ms = now_ms.saturating_sub(self.since_ms) as f64;
         let on_ms = delays(self.output).on_ms.max(1) as f64;

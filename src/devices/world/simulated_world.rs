@@ -12,9 +12,9 @@ use crate::geometry::{Base, ColorPicture, Flange, Joints, Mask, OrganizedCloud, 
 use crate::sim::{self, Film, SandedLook, Spot, Truth, WET_FROM_S};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// A spot of grease is gone when this share of its area was covered.
+/// Fraction of a spot's area that must be covered for the grease to be removed.
 const HEALED_FROM: f64 = 0.9;
-/// An axis is parked within this distance of its park angle, degrees.
+/// Largest distance of an axis from its park angle at which the axis counts as parked, degrees.
 const PARKED_DEG: f64 = 0.1;
 
 /// Why no world can be made from a cell's file.
@@ -31,7 +31,7 @@ pub enum WorldError {
     /// No park pose.
     #[error("[poses] park is missing; a 3D shot is taken only from there")]
     NoPark,
-    /// No signals of a line.
+    /// The cell's file names no signals of a line.
     #[error("a simulated line needs all of its signals in the cell's file; the manual's page line.md lists them")]
     NoLine,
 }
@@ -158,7 +158,7 @@ impl SimulatedWorld {
         &self.fixed.truth
     }
 
-    /// Returns the ground truth: the spots that still hold no film, as of the last wetting.
+    /// Returns the ground truth: the spots that are still greasy as of the last wetting, so that no film holds there.
     pub fn greasy(&self) -> Vec<Spot> {
         self.fixed.greasy(&self.lock().healed.1)
     }
@@ -170,13 +170,14 @@ impl SimulatedWorld {
         watched.iter().map(|(_, film, film_s)| film.broken(*film_s)).collect()
     }
 
-    /// Returns what should not have been done, each with the controller's time, ms.
+    /// Returns the violations of the process rules, each with the controller's time, ms.
     pub fn violations(&self) -> Vec<(u64, Violation)> {
         self.lock().violations.clone()
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
-        // A failed test that had locked the world must not hide its failure behind a poisoned lock.
+        // The lock is used even after a panic: a test that failed while it had locked the world must not be hidden by
+        // a second failure here.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -206,14 +207,15 @@ impl SimulatedWorld {
         Ok(Shot { cloud: if covered { nothing_seen(cloud) } else { cloud }, time_s: seconds(now.time_ms) })
     }
 
-    /// The moment up to which abrasion must be known before the next picture: when the water last came on.
+    /// Returns the time up to which abrasion must be applied before the next picture: the time at which the water last
+    /// came on; `None` if this was already done.
     pub fn abrasion_is_due(&self) -> Option<u64> {
         let state = self.lock();
         state.wetting.map(|wetting| wetting.on_ms).filter(|on_ms| state.healed.0 != Some(*on_ms))
     }
 
-    /// Applies the motions executed up to that moment. Spots that the disc covered will hold their film. The panel
-    /// looks different where the disc was since the previous wetting.
+    /// Applies the motions of the trace. Spots that the disc covered will hold their film after the next wetting. The
+    /// panel's appearance changes where the disc was since the previous wetting.
     pub fn abrade(&self, trace: &[Sample]) {
         let Fixed { cell, truth, .. } = &*self.fixed;
         let (disc_diameter_mm, since_ms, mut sanded) = {
@@ -254,8 +256,8 @@ impl SimulatedWorld {
         Picture { picture, time_s: seconds(now.time_ms) }
     }
 
-    /// Returns the film for the spots that are greasy now and for the panel's present look; computes it only if
-    /// these have changed. The world is not locked meanwhile: a controller must not wait for it.
+    /// Returns the film for the spots that are greasy now and for the panel's present appearance; computes it only if
+    /// these have changed. The world is not locked during the computation: a controller must not wait for it.
     fn film(&self) -> Arc<Film> {
         let (healed, Sanded { sanding, passes, .. }, last) = {
             let state = self.lock();
@@ -312,7 +314,7 @@ impl mock::World for Terminals {
     }
 }
 
-/// Scales the picture to a share of its light, 0…1.
+/// Scales the picture's brightness by this fraction of the light, 0…1.
 fn dim(picture: &mut ColorPicture, light: f64) {
     if light < 1.0 {
         picture.rgb.as_flattened_mut().iter_mut().for_each(|gray| *gray = (f64::from(*gray) * light) as u8);

@@ -7,7 +7,7 @@ use crate::cell::Output;
 use crate::sim::{Film, Sanding};
 use std::sync::Arc;
 
-/// An action that should not have been done, as seen by the world. For tests.
+/// An action that violates the process rules, as seen by the world. For tests.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Violation {
     /// A 3D shot with the arm not parked, or moving.
@@ -27,7 +27,7 @@ pub enum Violation {
 /// The area of this part that the disc has sanded.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Sanded {
-    /// The disc's positions: a pass for each wetting after it.
+    /// The disc's positions, grouped in passes: one pass for each wetting that followed.
     pub sanding: Arc<Sanding>,
     /// The number of passes.
     pub passes: u64,
@@ -41,10 +41,10 @@ pub(super) struct State {
     /// The input that is on while the tool is stopped, if the cell names one.
     pub tool_stands: Option<u16>,
     pub wetting: Option<Wetting>,
-    /// Which spots are gone, as shown by the wetting that began at this time.
+    /// The time at which the last evaluated wetting began, and which spots were no longer greasy then.
     pub healed: (Option<u64>, Vec<bool>),
     pub sanded: Sanded,
-    /// The film for these healed spots and this number of passes.
+    /// The last film, with the spots that were no longer greasy and the number of passes for which it was computed.
     pub film: Option<((Vec<bool>, u64), Arc<Film>)>,
     /// Each watched wetting of this part: the time at which its water came on, its film, and the film's time in the
     /// last picture, s.
@@ -80,8 +80,8 @@ impl State {
         &self.signals[place(output)]
     }
 
-    /// Replaces the part by one that is dry and as greasy as the first. The films of the previous part are
-    /// released: a line brings parts for days.
+    /// Replaces the part by one that is dry and as greasy as the first. The films of the previous part are released,
+    /// so that memory does not grow when a line brings parts for days.
     fn bring_part(&mut self, now_ms: u64) {
         (self.part_since_ms, self.wetting) = (now_ms, None);
         self.watched.clear();

@@ -10,9 +10,9 @@ use crate::path::{StepOver, step_overs_mm};
 use crate::sim::{TrueSpot, Truth};
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 
-/// The pad does not touch if it is farther than this from the surface, mm.
+/// Distance from the surface beyond which the pad does not touch, mm.
 const PAD_REACH_MM: f64 = 2.0;
-/// A step is part of a row if its cosine to the rows' direction is larger.
+/// Smallest cosine between a step and the rows' direction at which the step is part of a row.
 const ALONG_ROW: f64 = 0.98;
 
 /// The points of the panel that the disc has touched.
@@ -41,13 +41,14 @@ impl Touched {
         self.centres.iter().any(|centre| centre.distance_mm(point) <= self.radius_mm)
     }
 
-    /// Returns the covered share of these points, 0…1, each point with the same area; 0 if there are no points.
+    /// Returns the covered fraction of these points, 0…1, each point representing the same area; 0 if there are no
+    /// points.
     pub fn share(&self, points: &[Point<Panel>]) -> f64 {
         let covered = points.iter().filter(|point| self.covers(**point)).count();
         covered as f64 / points.len().max(1) as f64
     }
 
-    /// Returns the covered share of a spot's area, 0…1.
+    /// Returns the covered fraction of a spot's area, 0…1.
     pub fn share_of(&self, spot: &TrueSpot) -> f64 {
         const RINGS: usize = 8;
         let reach_mm = spot.outline.iter().map(|point| point.distance_mm(spot.centre)).fold(0.0, f64::max);
@@ -103,7 +104,7 @@ pub fn contact_errors(trace: &[Sample], truth: &Truth) -> Option<ContactErrors> 
 /// The rows of a grid run along the main direction of its track; the connections between rows do not.
 pub fn step_over(trace: &[Sample], truth: &Truth) -> Option<StepOver> {
     let mut found: Option<StepOver> = None;
-    // Between two grids the tool leaves the panel.
+    // The grids are separated here: between two grids the tool leaves the panel.
     for grid in trace.chunk_by(|before, after| before.sanding == after.sanding) {
         let track: Vec<Point<Panel>> =
             sanding(grid, truth).map(|panel_from_tool| panel_from_tool.origin()).collect();
@@ -180,8 +181,8 @@ mod tests {
         assert_eq!(Touched::by(&lands, &truth, 200.0).share(&[spot.centre]), 0.0);
     }
 
-    /// Calculated by hand: rows of 60 mm on a flat panel, 10, 10 and 12 mm apart, with a connection between each
-    /// two of them.
+    /// Calculated by hand: rows of 60 mm on a flat panel, 10, 10 and 12 mm apart, with a connecting motion between
+    /// neighbouring rows.
     #[test]
     fn rows_are_told_from_the_ways_between_them() {
         let at = |x_mm: f64, y_mm: f64| Point::<Panel>::at(0.0, x_mm, y_mm);
@@ -190,7 +191,7 @@ mod tests {
             let forth = (0..=30).map(|step| f64::from(step) * 2.0);
             let xs: Vec<f64> = if row % 2 == 0 { forth.collect() } else { forth.rev().collect() };
             track.extend(xs.into_iter().map(|x_mm| at(x_mm, y_mm)));
-            // Half-way to the next row.
+            // A connecting point half-way to the next row.
             let end_mm = if row % 2 == 0 { 60.0 } else { 0.0 };
             track.push(at(end_mm, y_mm + 5.0));
         }

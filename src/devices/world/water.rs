@@ -1,8 +1,8 @@
-//! The water on the panel, as a time of the film.
+//! The water on the panel, expressed as a time of the film.
 //!
-//! The film's own time begins dry; the film is sprayed from [`SPRAY_FROM_S`] and watched from [`WET_FROM_S`] on.
-//! Spraying for less than the time in between leaves the front where it is. Spraying longer keeps the film new
-//! until the water is off.
+//! The film's own time begins dry; the film is sprayed from [`SPRAY_FROM_S`] and watched from [`WET_FROM_S`] on. If it
+//! is sprayed for less than the time in between, the front of the water stays where it is. Longer spraying keeps the
+//! film new until the water is off.
 
 use crate::sim::{SPRAY_FROM_S, WET_FROM_S};
 
@@ -13,7 +13,7 @@ pub(super) struct Wetting {
     pub off_ms: Option<u64>,
 }
 
-/// Calculates the film's time at this time of the cell, s. It also passes while the panel is dry, so that no two
+/// Calculates the film's time at this time of the cell, s. Before the first wetting it also advances, so that no two
 /// pictures have the same noise.
 pub(super) fn film_s(last: Option<Wetting>, now_ms: u64) -> f64 {
     let Some(Wetting { on_ms, off_ms }) = last else { return -seconds(now_ms) };

@@ -1,4 +1,5 @@
-//! Checks whether the shot that arrived is the one that was requested. Pure: every doubt is a fault, nothing is repaired.
+//! Checks whether the received shot is the one that was requested. A pure function: every doubt is a fault, and
+//! nothing is corrected.
 
 use super::fault::ZividFault;
 use super::message::{SettingsHash, ShotInfo, Size};
@@ -21,11 +22,11 @@ pub struct ExpectedShot {
     pub until_ns: u64,
     /// The number of the previous shot.
     pub last_number: u64,
-    /// The checksum of the previous shot; `None` for a file camera, which plays the same shot again and again.
+    /// The checksum of the previous shot; `None` for a file camera, which delivers the same shot repeatedly.
     pub last_sum: Option<u32>,
 }
 
-/// Smallest share of a shot's points that must be present. The points needed for a panel are checked when it is
+/// Smallest percentage of a shot's points that must be present. The points needed for a panel are checked when it is
 /// located; this limit detects a camera that sees nothing.
 pub const MIN_POINTS_PERCENT: f64 = 1.0;
 /// Longest pause for cooling while a film is taken, ms. A 3D shot of a stationary scene tolerates any pause.
@@ -78,10 +79,10 @@ pub fn accept(taken: &ShotInfo, sum: u32, asked: &ExpectedShot) -> Result<(), Zi
     Ok(())
 }
 
-/// Checks the points themselves.
+/// Checks the coordinates of the points.
 ///
 /// # Errors
-/// If there are almost none, or some that no camera measures.
+/// If there are almost no points, or some coordinates are infinite, which no camera measures.
 pub fn accept_points(planes: &Planes) -> Result<(), ZividFault> {
     let (mut there, mut infinite) = (0_usize, 0_usize);
     for point in &planes.points_mm {
@@ -101,7 +102,7 @@ pub fn accept_points(planes: &Planes) -> Result<(), ZividFault> {
 /// Checks whether a film may contain a picture for which the camera paused.
 ///
 /// # Errors
-/// If it paused for too long.
+/// If the pause was too long.
 pub fn accept_pause(taken: &ShotInfo, during: &'static str) -> Result<(), ZividFault> {
     let (paused_ms, allowed_ms, lens_c) = (taken.throttled_ms, MAX_THROTTLED_MS, taken.lens_c);
     match paused_ms <= allowed_ms {

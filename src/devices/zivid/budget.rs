@@ -1,8 +1,8 @@
-//! How often a worker that ended is restarted: a limited number of restarts within a period. After that the worker
-//! stays down until a person requests a restart. Any clock can be used.
+//! The restart budget of the worker: at most a certain number of restarts within a period. After that the worker stays
+//! down until a person requests a restart. Any clock can be used.
 //!
-//! A worker that ends again and again has a cause that restarting does not remove, and each start exposes and heats
-//! the camera. The first start does not count.
+//! A worker that ends repeatedly has a cause that restarting does not remove, and each start exposes and heats the
+//! camera. The first start does not count.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -32,7 +32,7 @@ pub struct Budget {
     is_spent: bool,
 }
 
-/// What to do about a worker that ended.
+/// The decision about a worker that ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
     /// Start the worker again; this is restart `number` of the allowed ones.
@@ -61,15 +61,15 @@ impl Budget {
         Verdict::Restart { number: self.used.len() }
     }
 
-    /// Handles a person's request for the worker: returns whether a worker that stays down may be started. This
-    /// counts as a restart, so it is refused until the oldest is long enough ago.
+    /// Handles a person's request for the worker: returns whether a worker that stays down may be started. This counts
+    /// as a restart, so it is refused until the oldest counted restart is long enough ago.
     pub fn asked(&mut self, now: Duration) -> Verdict {
         self.forget(now);
         self.is_spent = false;
         self.ended(now)
     }
 
-    /// Returns the time from `now` until a person may request the worker; zero if this is allowed now.
+    /// Returns the time from `now` until a person's request for a restart is accepted; zero if it is accepted now.
     pub fn wait(&self, now: Duration) -> Duration {
         let oldest = (self.used.len() >= self.allowed.most).then(|| self.used.front()).flatten();
         oldest.map_or(Duration::ZERO, |oldest| (*oldest + self.allowed.within).saturating_sub(now))
@@ -98,9 +98,9 @@ mod tests {
         Duration::from_secs(60 * minutes)
     }
 
-    /// By hand, in virtual time: after ends at minutes 0, 3, 6 the worker is restarted, after the fourth at 9 it is
-    /// not, nor after one at 30 without a request. A person's request then restarts it, since all three are more
-    /// than 10 minutes ago.
+    /// Calculated by hand, in virtual time: after ends at minutes 0, 3 and 6 the worker is restarted; after the fourth
+    /// end at minute 9 it is not, nor after an end at minute 30 without a request. A person's request then restarts
+    /// it, since all three restarts are more than 10 minutes ago.
     #[test]
     fn the_fourth_in_ten_minutes_stays_down() {
         let mut budget = Budget::new(Restarts::default());

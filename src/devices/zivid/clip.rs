@@ -13,14 +13,14 @@ use std::time::Duration;
 /// Largest number of a clip's pictures that wait to be fetched.
 pub const QUEUE_LENGTH: usize = 3;
 
-/// Timeout for the next picture of a clip, before it is reported to the daemon that there is none.
+/// Time limit for the next picture of a clip; after this time, the worker reports to the daemon that there is none.
 const PICTURE_TIMEOUT: Duration = Duration::from_secs(4);
 
 /// A clip without a request for pictures ends by itself after this time: its client may have disappeared.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// Number of pictures in a row that the camera may fail to deliver; each is a gap in the clip's times. One more
-/// ends the clip.
+/// Number of consecutive pictures that the camera may fail to deliver; each is a gap in the clip's times. One more
+/// failure ends the clip.
 const MAX_MISSED: u32 = 2;
 
 /// A rate above that of any camera of this kind.
@@ -45,7 +45,7 @@ struct Queue {
 }
 
 impl Queue {
-    /// Processes the camera's result at this time.
+    /// Processes the result of a capture at this time.
     fn receive(&mut self, taken: Result<Photo, Refusal>, now_ns: u64) {
         match taken {
             Ok(photo) => self.push(photo),
@@ -108,7 +108,8 @@ impl Clip {
                 let mut queue = lock(queue);
                 queue.receive(taken, now_ns());
                 news.notify_all();
-                // A camera that is late continues from its present time and does not catch up.
+                // If the camera is late, the schedule continues from the present time; missed pictures are not made up
+                // for.
                 due_ns = (due_ns + period_ns).max(now_ns());
                 while !queue.is_over && now_ns() < due_ns {
                     let left = Duration::from_nanos(due_ns.saturating_sub(now_ns()));
@@ -141,7 +142,7 @@ impl Clip {
         queue.pop().ok_or_else(|| queue.failed.clone().unwrap_or_else(late))
     }
 
-    /// Takes no more pictures after the one in progress.
+    /// Ends the clip after the picture in progress.
     pub(super) fn end(&mut self) -> ClipEnd {
         let (queue, news) = &*self.shared;
         lock(queue).is_over = true;

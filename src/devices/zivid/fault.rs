@@ -5,7 +5,7 @@ use crate::devices::UNKNOWN_PX;
 use crate::number_text::apart;
 use std::time::Duration;
 
-/// A fault of the 3D camera. Each begins with its row of the fault model.
+/// A fault of the 3D camera. Each message begins with the fault's row in the fault model.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ZividFault {
     /// No such camera.
@@ -177,7 +177,7 @@ pub enum ZividFault {
          Last: {last}. Fix the cause, then reset; not before {} s from now", within.as_secs() / 60, wait.as_secs()
     )]
     Down {
-        /// How often it ended.
+        /// Number of times that the worker ended within the period.
         ended: usize,
         /// Restarts that are allowed.
         allowed: usize,

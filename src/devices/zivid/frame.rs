@@ -68,7 +68,7 @@ pub enum WireError {
         /// Found.
         found: u16,
     },
-    /// A checksum does not fit.
+    /// A checksum is wrong.
     #[error("the checksum of a frame's {part} is {found:08x}, its bytes sum up to {computed:08x}")]
     Checksum {
         /// Of what.

@@ -152,8 +152,8 @@ impl Sdk {
             return Err(LibraryError::Interface { file: file.to_owned(), found });
         }
         macro_rules! function {
-            // SAFETY: in this version of the interface, the function of this name has the type that it is assigned
-            // to, as the header declares it.
+            // SAFETY: in this version of the interface, the function of this name has the type of the field that it is
+            // assigned to, as the header declares it.
             ($name:literal) => {
                 *unsafe { library.get(concat!("pz_", $name, "\0").as_bytes()) }.map_err(failed)?
             };

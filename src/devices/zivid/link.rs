@@ -41,7 +41,7 @@ pub struct Delivery {
 }
 
 impl Link {
-    /// Creates a link over this socket. If `is_ending` becomes true, the present wait is given up.
+    /// Creates a link over this socket. If `is_ending` becomes true, the present wait is abandoned.
     pub fn new(stream: UnixStream, is_ending: Arc<AtomicBool>) -> Self {
         Link { stream, sequence: 0, is_ending }
     }

@@ -30,7 +30,7 @@ pub enum Use {
 }
 
 impl Use {
-    /// Returns a text that states what settings for this use are for.
+    /// Returns the purpose of the settings, in words.
     pub fn word(self) -> &'static str {
         match self {
             Use::Scan => "3D shots",
@@ -174,11 +174,11 @@ pub struct ShotInfo {
     pub exposed_ns: u64,
     /// Time at which the data were available.
     pub ready_ns: u64,
-    /// How long the camera paused because it is hot, ms.
+    /// Pause before the shot because the camera was too hot, ms.
     pub throttled_ms: f64,
     /// Temperature of the lens at this shot, °C, if the camera reports it.
     pub lens_c: Option<f64>,
-    /// Of a clip: pictures that were taken but not fetched, since it began.
+    /// For a clip: number of pictures that were taken but not fetched since the clip began.
     pub dropped: u64,
 }
 
@@ -208,7 +208,7 @@ pub struct Lens {
 pub struct Temperatures {
     /// The projector's mirrors.
     pub dmd_c: Option<f64>,
-    /// Of the housing, in general.
+    /// General temperature of the housing.
     pub general_c: Option<f64>,
     /// The projector's light.
     pub led_c: Option<f64>,
@@ -283,8 +283,8 @@ pub enum Trouble {
     Gone,
     /// The camera gave no shot; the next one may be good.
     NoShot,
-    /// The settings are not those that were sent, or the SDK does not accept them.
+    /// The settings differ from those that were announced, or the SDK does not accept them.
     Settings,
-    /// Nothing of that kind is in progress: a picture of no clip, a shot without a camera.
+    /// The request does not fit the present state: a picture without a clip, a shot without a camera.
     OutOfOrder,
 }

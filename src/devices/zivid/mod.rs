@@ -4,20 +4,20 @@
 //! the daemon                                        the worker: the same program in another role
 //! scanner ── host ── link ══ Unix socket, frames ══ worker ── library ── libpanelprep_zivid.so ── Zivid SDK
 //! ```
-//! The SDK is C++ on a graphics processor; its failures must not affect the process that holds the robot's link.
-//! The daemon loads no part of the SDK: one program serves cells with and without it.
+//! The SDK is C++ on a graphics processor; its failures must not affect the process that holds the robot's link. The
+//! daemon loads no part of the SDK: one program serves cells with and without it.
 //!
-//! - [`wire`], `frame`: frames that are whole and unchanged, or refused · [`message`]: their messages
-//! - [`budget`]: how often a worker is started again · [`accept`]: whether the received data is what was requested
-//!   · [`fault`]: faults in words
+//! - [`wire`], `frame`: frames that are complete and unchanged, or refused · [`message`]: their messages
+//! - [`budget`]: how often a worker is started again · [`accept`]: whether the received data is what was requested ·
+//!   [`fault`]: faults in words
 //! - [`warmth`]: whether the camera has reached its stable temperature
 //! - [`host`], [`link`], [`process`]: the daemon's side · [`ZividScanner`]: the camera as the cell has it
-//! - [`worker`], `camera`, `clip`, [`sensor`], [`library`]: the worker's side · `cpp/`: the C interface over the
-//!   SDK, declarations to build it without one, and a camera that they play
+//! - [`worker`], `camera`, `clip`, [`sensor`], [`library`]: the worker's side · `cpp/`: the C interface over the SDK,
+//!   declarations to build it without the SDK, and a camera simulated by them
 //!
-//! A shot of 1944×1200 points is 44 MB. It goes through the socket by plain large writes: two copies that overlap.
-//! Sealed memory that is passed by its descriptor was measured for comparison. It needs three times as long if it
-//! is not mapped, and mapping is `unsafe`.
+//! A shot of 1944×1200 points is 44 MB. It is sent through the socket by plain large writes, which make two copies
+//! that overlap in time. Sealed memory passed by its file descriptor was measured for comparison: it takes three times
+//! as long if it is not mapped, and mapping is `unsafe`.
 
 pub mod accept;
 pub mod budget;

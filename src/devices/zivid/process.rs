@@ -1,8 +1,8 @@
 //! The worker as a process: the same program in another role, with one end of a socket as its standard input.
 //!
 //! The SDK's output goes to standard error, with the service's own log. A worker that is released closes its camera
-//! and ends. It is killed if it does not end within a moment, or if its daemon ends without notice. If a driver
-//! keeps a killed worker in the kernel, it is left to a thread: nothing else waits for it.
+//! and ends. The worker is killed if it does not end within a short time, or if its daemon ends without notice. If a
+//! driver keeps a killed worker in the kernel, only a separate thread waits for its end.
 
 use std::ffi::OsString;
 use std::io;
@@ -13,11 +13,11 @@ use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// The other end of a socket.
+/// The process or thread at the other end of a socket.
 pub trait Peer: Send {
-    /// Ends the other end at once, whatever it does.
+    /// Ends the peer at once, whatever its state.
     fn kill(&mut self);
-    /// Returns how it ended, if it ends within this time.
+    /// Returns how the peer ended, if it ends within this time.
     fn ended(&mut self, within: Duration) -> Option<String>;
     /// Its process.
     fn id(&self) -> Option<u32>;
@@ -95,7 +95,7 @@ impl Drop for Process {
 /// Returns the worker's end of its socket: its standard input. From here on the process ends with its daemon.
 ///
 /// # Errors
-/// If standard input is not a socket, as when a person starts this.
+/// If standard input is not a socket, as when a person starts the worker.
 pub fn daemon() -> io::Result<UnixStream> {
     rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::KILL))?;
     let input = io::stdin().as_fd().try_clone_to_owned()?;

@@ -25,7 +25,7 @@ pub struct ZividShot {
     pub snr: Vec<f32>,
     /// The metadata of the shot.
     pub taken: ShotInfo,
-    /// Time from the available data in the worker to the complete shot here, checked, ms.
+    /// Time from the availability of the data in the worker until the complete and checked shot here, ms.
     pub crossed_ms: f64,
 }
 
@@ -61,7 +61,7 @@ impl ZividWatch {
         self.0.status().faults.iter().cloned().collect()
     }
 
-    /// How often a worker was lost.
+    /// Returns the number of times that a worker was lost.
     pub fn lost(&self) -> usize {
         self.0.status().lost
     }
@@ -135,7 +135,7 @@ impl ZividScanner {
 
     fn ask(&self, ask: CameraRequest) -> Result<CameraAnswer, ZividFault> {
         if ask != CameraRequest::Check {
-            // No request waits for a start.
+            // A request never waits for the start of a worker.
             self.ready(Duration::ZERO)?;
         }
         let is_given_up = Arc::new(AtomicBool::new(false));
@@ -182,7 +182,7 @@ impl ZividScanner {
     /// Takes a 3D shot with colours.
     ///
     /// # Errors
-    /// If the camera delivers none that can be accepted; likewise for the other methods.
+    /// If the camera delivers no acceptable shot; the same applies to the other methods.
     pub fn shot(&mut self) -> Result<ZividShot, ZividFault> {
         match self.ask(CameraRequest::Scan)? {
             CameraAnswer::Scan(Delivery { taken, came_ns, .. }, planes) => {
@@ -244,8 +244,8 @@ impl ZividScanner {
         }
     }
 
-    /// Returns the camera's temperatures. Waits a while if the camera is being started. If the worker stays down,
-    /// it is started again if its restarts allow this: a person's reset requests this.
+    /// Returns the camera's temperatures. This waits a while if the camera is being started. A worker that stays down
+    /// is started again if the restart budget allows it: the function is called for a person's reset.
     ///
     /// # Errors
     /// As [`ZividScanner::shot`].
@@ -296,7 +296,8 @@ impl Drop for ZividScanner {
     }
 }
 
-/// Returns when the exposure began, s of the machine's monotonic clock.
+/// Returns the time of a shot, which is the time at which the camera received the request, s of the machine's
+/// monotonic clock.
 fn time_s(taken: &ShotInfo) -> f64 {
     taken.begun_ns as f64 * 1e-9
 }

@@ -42,7 +42,7 @@ impl Planes {
 /// A 3D camera that also takes colour pictures. Each call blocks; a request that it cannot fulfil is refused in
 /// words.
 pub trait Sensor: Send {
-    /// Returns the SDK with which the sensor was built.
+    /// Returns the version of the SDK with which the sensor was built.
     fn sdk(&self) -> String;
 
     /// Opens a camera; a camera that is open is released first, with its settings.

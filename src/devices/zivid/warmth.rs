@@ -1,29 +1,29 @@
-//! Checks whether the camera has reached its stable temperature, by the temperature of its lens over time, in any
+//! Checks whether the camera has reached its stable temperature, from the temperature of its lens over time, by any
 //! clock.
 //!
 //! The camera measures by angles between its projector and its sensor, and these angles change while it warms up or
-//! cools down. The maker requires ten minutes of shots, and gives figures: during warm-up the temperature rises by
-//! 0.5 to 1.5 °C a minute, the air of a hall changes it by 0.03 °C a minute at most. So the camera is warm if a
-//! straight line through the temperatures of the last minutes,
+//! cools down. The maker requires ten minutes of shots, and gives these figures: during warm-up the temperature rises
+//! by 0.5 to 1.5 °C a minute; the air of a production hall changes it by at most 0.03 °C a minute. So the camera is
+//! warm if a straight line through the temperatures of the last minutes,
 //!     T(t) = T₀ + s t,   s = Σ (tᵢ − t̄)(Tᵢ − T̄) / Σ (tᵢ − t̄)²,   σₛ² = Σ rᵢ² / (n − 2) / Σ (tᵢ − t̄)²,          (1)
-//! rises or falls by less than a limit between the two, including its own error 2 σₛ. If the camera was followed
-//! for less than the ten minutes, or the result lies across the limit, this is reported as a doubt. Nothing here
-//! waits, and nothing here stops a cycle. Source: support.zivid.com, "Warm-up" and "Thermal Stabilization".
+//! rises or falls by less than a limit between these two figures, including its own error 2 σₛ. If the temperatures
+//! were recorded for less than the ten minutes, or the limit lies within the error of the result, a doubt is reported.
+//! This module never waits and never stops a cycle. Source: support.zivid.com, "Warm-up" and "Thermal Stabilization".
 
 use crate::number_text::apart;
 
 /// How long the camera's temperature must have been recorded, s: the manufacturer's ten minutes.
 const MIN_OBSERVED_S: f64 = 600.0;
-/// The line is fitted to the temperatures of this last period, s.
+/// Length of the last period to whose temperatures the line is fitted, s.
 const LINE_S: f64 = 300.0;
-/// Temperatures further apart are not one series, s: the camera may have been off between them.
+/// Longest time between two temperatures of one series, s: in a longer gap the camera may have been off.
 const MAX_GAP_S: f64 = 120.0;
 /// Limit of the rise, °C a minute: three times that of the air in a production hall, a fifth of a slow warm-up.
 const LIMIT_C_PER_MIN: f64 = 0.1;
 /// Temperatures are reported in steps. Their error is at least the standard deviation of half a step of 0.1 °C,
 /// uniformly distributed.
 const MIN_ERROR_C: f64 = 0.05 / 1.732;
-/// Older temperatures are not used, s.
+/// Age beyond which temperatures are not used, s.
 pub const MAX_TEMPERATURE_AGE_S: f64 = MIN_OBSERVED_S + MAX_GAP_S;
 
 /// A temperature.
@@ -35,7 +35,7 @@ pub struct Reading {
     pub lens_c: f64,
 }
 
-/// The result of the temperatures.
+/// The result of judging the temperatures.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Warmth {
     /// The camera's temperature is stable.
@@ -185,8 +185,8 @@ mod tests {
         assert_eq!(short, Warmth::NotFollowed { followed_s: 570.0 });
         assert!(short.to_string().ends_with("followed for 9 of 10 min"), "{short}");
         assert_eq!(warmth(&[], 900.0), Warmth::NotFollowed { followed_s: 0.0 });
-        // Either the last reading is three minutes old, or there is a gap of three minutes before the last five
-        // readings.
+        // In the first case the last reading is three minutes old; in the second there is a gap of three minutes
+        // before the last five readings.
         assert_eq!(warmth(&readings(0.0, steady), 1_080.0), Warmth::NotFollowed { followed_s: 0.0 });
         let mut gap = readings(0.0, steady);
         gap.retain(|reading| !(430.0..=580.0).contains(&reading.at_s));

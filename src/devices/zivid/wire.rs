@@ -2,17 +2,17 @@
 //!
 //! ```text
 //! opening, 24 bytes  "PPZV" · version u16 · kind u16 · sequence u32 · head's length u32 · payload's length u64
-//! checksum           CRC-32 of all bytes of the frame so far, those of earlier checksums left out; u32
+//! checksum           CRC-32 of all bytes of the frame so far, without earlier checksums; u32
 //! head               JSON
 //! checksum
 //! payload            planes of numbers, one after the other
 //! checksum
 //! ```
-//! Little endian. A length is used only after its checksum was verified, and a head before a payload is stored by
-//! it. The checksum continues from part to part, which ties the parts of a frame together. CRC-32 finds every
-//! change of up to 32 bits in a row; it protects against a peer that is broken, not against one that sends false
-//! data on purpose. A frame that is cut, changed or foreign is an error, after which nothing more of that stream is
-//! read: the stream has no mark at which reading could start again.
+//! Little endian. A length is used only after its checksum was verified, and the head is verified before memory for
+//! the payload is allocated. The checksum continues from part to part, so that parts of different frames cannot be
+//! combined. CRC-32 finds every change of up to 32 bits in a row; it protects against a peer that is broken, not
+//! against one that sends false data on purpose. A frame that is cut, changed or foreign is an error, after which
+//! nothing more of that stream is read: the stream has no marker at which reading could start again.
 
 pub use super::frame::{Kind, Part, VERSION, WireError};
 
@@ -75,10 +75,10 @@ fn allowed(part: Part, found: u64, most: usize) -> Result<(), WireError> {
     if found <= allowed { Ok(()) } else { Err(WireError::TooLong { part, found, allowed }) }
 }
 
-/// A frame before its payload has been read.
+/// A frame up to its payload, which has not been read yet.
 #[derive(Debug)]
 pub struct Opened {
-    /// The sequence number: a reply has that of its request.
+    /// The sequence number: a reply has the number of its request.
     pub sequence: u32,
     /// Its head, JSON.
     pub head: Vec<u8>,
@@ -101,7 +101,7 @@ pub fn open(stream: &mut impl Read, allowed_kind: Kind) -> Result<Opened, WireEr
     if [m0, m1, m2, m3] != MAGIC {
         return Err(WireError::NotAFrame { found: [m0, m1, m2, m3] });
     }
-    // Reported before the checksum: another version may use another checksum.
+    // The version is checked before the checksum, since another version may use a different checksum.
     let version = u16::from_le_bytes([v0, v1]);
     if version != VERSION {
         return Err(WireError::Version { found: version });
@@ -128,7 +128,7 @@ impl Opened {
     /// Checks the payload's size against the size in the head, before memory is allocated for it.
     ///
     /// # Errors
-    /// If they differ.
+    /// If the sizes differ.
     pub fn holds(&self, expected: usize) -> Result<(), WireError> {
         let (found, expected) = (self.payload_bytes, expected as u64);
         if found == expected { Ok(()) } else { Err(WireError::PayloadSize { found, expected }) }
@@ -153,7 +153,7 @@ impl Opened {
     /// Ends a frame that has no payload.
     ///
     /// # Errors
-    /// If it has one, or its checksum is wrong.
+    /// If the frame has a payload, or its checksum is wrong.
     pub fn without_payload(self, stream: &mut impl Read) -> Result<(), WireError> {
         self.payload(stream, &mut []).map(drop)
     }

@@ -1,8 +1,8 @@
 //! The worker: a separate process that drives the camera and answers the daemon, request by request.
 //!
 //! The Zivid SDK is C++ on a graphics processor: it may hang, crash, or end its process. Here this affects only the
-//! worker. The worker decides nothing: it takes the requested shots and reports how they were taken. It ends when
-//! the daemon hangs up, and with the daemon if that ends without notice.
+//! worker. The worker decides nothing: it takes the requested shots and reports how they were taken. The worker ends
+//! when the daemon closes the connection, and also if the daemon ends without notice.
 
 use super::camera::{Camera, lock};
 use super::clip::Clip;
@@ -15,7 +15,8 @@ use std::io::Write;
 use std::os::unix::net::UnixStream;
 use std::sync::{Arc, Mutex};
 
-/// Buffer for data in transit, so that this end continues while the other computes the checksum of a piece.
+/// Size of the socket's send buffer, so that one end continues to send while the other end computes the checksum of a
+/// piece.
 const SOCKET_BYTES: usize = 1 << 20;
 
 /// Why the worker ended.
@@ -43,10 +44,10 @@ struct Known {
     slot: Slot,
 }
 
-/// Serves one daemon until it hangs up.
+/// Serves one daemon until the daemon closes the connection.
 ///
 /// # Errors
-/// If a request of the daemon cannot be read or answered: then there is no daemon to continue with.
+/// If a request of the daemon cannot be read or answered: then the connection to the daemon cannot be used any more.
 pub fn serve(mut daemon: UnixStream, sensor: Box<dyn Sensor>) -> Result<(), WorkerError> {
     greet(&mut daemon, Ok(sensor.sdk()))?;
     #[expect(clippy::let_underscore_must_use, reason = "a hint; without it a shot takes a few milliseconds more")]
@@ -100,7 +101,8 @@ struct Worker {
 
 impl Worker {
     fn answer(&mut self, request: Request) -> Result<Answer, Refusal> {
-        // Every request other than for its next picture ends a clip: camera and projector do one task at a time.
+        // Every request except the ones for the next picture and for the clip's end stops a clip: camera and projector
+        // execute one task at a time.
         if !matches!(request, Request::NextPicture | Request::EndClip) {
             drop(self.clip.take());
         }

@@ -17,7 +17,7 @@ pub struct Memory {
     pub order: ReadOrder,
     /// Number of entries of each memory; one more entry closes the connection.
     pub entries: u32,
-    /// Number of bytes received and not yet interpreted.
+    /// Largest number of bytes that are received and not yet interpreted.
     pub bytes: u32,
 }
 
@@ -34,7 +34,7 @@ pub struct Element {
     pub set_flag: Option<u32>,
     /// `$OUT` that is set when the element has arrived.
     pub set_out: Option<u32>,
-    /// Its line in the file, from 1.
+    /// The line of the element in the file, from 1.
     pub line: usize,
 }
 
@@ -43,8 +43,8 @@ pub struct Element {
 pub struct ChannelFile {
     /// The role of the other machine.
     pub peer: Peer,
-    /// Address that is listened on: the controller's, or the other machine's if the controller dials. Any text is
-    /// allowed: placeholders are common.
+    /// The address of the machine that listens: the controller's, or the other machine's if the controller connects.
+    /// Any text is allowed: placeholders are common.
     pub address: Option<String>,
     /// Port on which the server listens.
     pub port: u16,

@@ -7,7 +7,7 @@ use crate::config::Problem;
 pub(crate) struct Findings {
     /// Entries that the controller refuses or cannot work with.
     pub(crate) problems: Vec<Problem>,
-    /// Entries that the controller accepts but that lead to trouble, with all that is `unknown`.
+    /// Entries that the controller accepts but that cause problems, with all entries of `unknown`.
     pub(crate) warnings: Vec<Problem>,
     /// Names and texts that are in no manual.
     pub(crate) unknown: Vec<Problem>,

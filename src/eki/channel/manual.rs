@@ -13,7 +13,7 @@ enum Rule {
     Number(u32, u32),
     /// Any text, since placeholders for addresses are common; `stated` reads tags.
     Free,
-    /// Codes of characters, `13,10`, alternatives by `|`.
+    /// Character codes such as `13,10`, alternatives separated by `|`.
     Codes,
 }
 
@@ -96,7 +96,7 @@ const KNOWN: [Known; 24] = [
     section(""),
 ];
 
-/// Checks whether the root is that of the classic dialect.
+/// Checks whether the root is the root element of the classic dialect.
 pub(super) fn is_classic(root: &Node) -> Result<(), Problem> {
     let found = &root.name;
     let message = if found.eq_ignore_ascii_case("ETHERNETKRL") {

@@ -26,7 +26,7 @@ pub(crate) struct StatedChannel {
     pub(crate) connect_ms: Option<Stated<u32>>,
     /// The line of ALIVE.
     pub(crate) alive_line: Option<usize>,
-    /// The signals that a connection sets.
+    /// The signals that are on while a connection exists.
     pub(super) alive: Vec<Signal>,
     pub(crate) ping: Option<Stated<u32>>,
     /// `Logging` and `Display` of MESSAGES.
@@ -115,7 +115,7 @@ pub(crate) struct StatedRaw {
 }
 
 impl StatedChannel {
-    /// Extracts the meaning from the tree of a file with this name, and notes elements without a usable tag.
+    /// Extracts the statements from the tree of a file with this name, and records elements without a usable tag.
     pub(super) fn from_xml(name: &str, root: &Node, found: &mut Findings) -> StatedChannel {
         let internal = |part: &str| first(root, &format!("CONFIGURATION/INTERNAL/{part}"));
         let peer = first(root, "CONFIGURATION/EXTERNAL/TYPE").filter(|node| !node.text.is_empty());
@@ -230,7 +230,7 @@ fn element(node: &Node, found: &mut Findings) -> Option<StatedElement> {
         return None;
     }
     let kind = node.attribute("Type").map(|kind| kind.value.to_uppercase());
-    // The manual defines neither for SEND.
+    // The manual defines neither order nor signals for SEND.
     let is_received = node.path.starts_with("RECEIVE/");
     let order = order(node).filter(|_| is_received).map(|order| order.value);
     let signals = if is_received { signals(node, Some(&tag.value)) } else { Vec::new() };

@@ -26,7 +26,8 @@ fn the_shipped_files_say_who_listens_where_and_what_travels() {
     assert_eq!((command.unknown, state.unknown), (vec![], vec![]));
 }
 
-/// The manual's defaults apply if a file states nothing, and a controller that dials has the other machine's port.
+/// The manual's defaults apply if a file states nothing; if the controller connects, the port is that of the other
+/// machine.
 #[test]
 fn what_a_file_does_not_say_is_the_manuals_default() {
     let silent = ChannelFile::parse(&file("", "")).expect("reads");

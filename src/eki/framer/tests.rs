@@ -34,7 +34,7 @@ fn documents_back_to_back_are_told_apart() {
     assert_eq!(error, None);
 }
 
-/// A stream with all kinds of content, divided at every single position, and at every two positions of its first
+/// A stream with all kinds of content, divided at every single position, and at every pair of positions in its first
 /// part.
 #[test]
 fn no_cut_matters() {

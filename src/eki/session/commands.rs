@@ -32,7 +32,7 @@ impl Session {
         }
     }
 
-    /// Queues a whole path and returns the id of its last point. If one point is bad, all are refused.
+    /// Queues a whole path and returns the id of its last point. If one point is invalid, all are refused.
     ///
     /// # Errors
     /// As [`Session::queue`], and if base or tool were not set in this epoch.
@@ -41,8 +41,9 @@ impl Session {
         flow.queue_path(points, wire, limits)
     }
 
-    /// The same, but only this number of points is sent until [`Session::permit`] permits more. A client that
-    /// records which points the robot may have executed does so before.
+    /// Queues a whole path as [`Session::queue_path`] does, but sends only this number of points until
+    /// [`Session::permit`] permits more. A client that records which points the robot may have executed records them
+    /// before it permits them.
     ///
     /// # Errors
     /// As [`Session::queue_path`].

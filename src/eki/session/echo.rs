@@ -1,9 +1,9 @@
 //! Compares base and tool as they were sent with the ones that the controller reports.
 //!
-//! A lost `set_base` leads to a collision although every pose looks plausible. So no straight line is sent before
-//! the state shows, in this epoch, the frame that was set. Rotations are compared, not angles: near B = ±90° angles
-//! are noise. The controller stores single-precision numbers: below 8 m their error is at most half the tolerance,
-//! and for angles it is far smaller.
+//! A lost `set_base` leads to a collision although every pose looks plausible. So no linear motion is sent before the
+//! state shows, in this epoch, the frame that was set. Rotations are compared, not angles: near B = ±90° angles are
+//! noise. The controller stores single-precision numbers: below 8 m their error is at most half the tolerance, and for
+//! angles it is far smaller.
 
 use crate::eki::ids::CommandId;
 use crate::eki::report::EchoMismatch;
@@ -17,7 +17,7 @@ const TOLERANCE: f64 = 0.001;
 #[derive(Debug)]
 pub(super) struct FrameEcho {
     frame: &'static str,
-    /// The frame that is or should be active, and those queued behind it.
+    /// The frame that is or should be active, and the frames queued after that one.
     set: VecDeque<(CommandId, KukaPose)>,
     confirmed: CommandId,
 }
@@ -31,17 +31,19 @@ impl FrameEcho {
         self.set.push_back((id, pose));
     }
 
-    /// Returns the last queued command that sets the frame; straight lines behind it wait for its echo.
+    /// Returns the last queued command that sets the frame; linear motions that are queued after that command wait for
+    /// its echo.
     pub(super) fn last(&self) -> Option<CommandId> {
         self.set.back().map(|&(id, _)| id)
     }
 
-    /// Returns true if this command, or one after it, was seen on the controller.
+    /// Returns true if the controller's state has shown the frame of this command or of a later one.
     pub(super) fn is_confirmed(&self, id: CommandId) -> bool {
         self.confirmed >= id
     }
 
-    /// Compares with a state that includes all commands up to `done`, if commands up to `sent` were sent.
+    /// Compares the frame with a state in which all commands up to `done` are executed; commands up to `sent` have
+    /// been sent.
     pub(super) fn follow(
         &mut self,
         done: CommandId,
@@ -53,7 +55,7 @@ impl FrameEcho {
         while self.set.get(1).is_some_and(|&(next, _)| next <= done) {
             self.set.pop_front();
         }
-        // While the next frame may be being set, the state may show either frame.
+        // While the controller may be changing to the next frame, the state may show either frame.
         let changing = self.set.iter().any(|&(id, _)| id > done && id <= sent);
         let Some(&(id, sent)) = self.set.front().filter(|&&(id, _)| id <= done && !changing) else { return Ok(()) };
         let frame = self.frame;

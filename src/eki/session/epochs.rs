@@ -7,8 +7,8 @@ use crate::eki::command::Request;
 use crate::eki::ids::{CommandId, EPOCH_STEP, Epoch, LAST_NUMBER};
 use crate::eki::report::{Report, StopCause};
 
-/// The maximum number of steps by which a new epoch may be above the controller's: requests that its channel
-/// buffers at once.
+/// The maximum number of steps by which a new epoch may be above the controller's epoch: the controller's channel
+/// buffers this number of requests.
 const MAX_STEPS: u32 = 16;
 
 impl Session {
@@ -46,13 +46,13 @@ impl Session {
             return Err(QueueError::NotConnected);
         }
         self.asked_epoch = epoch;
-        // A lost answer does not mean that the controller has not opened the epoch.
+        // If the answer is lost, the controller may still have opened the epoch.
         self.opened_epoch = epoch;
         self.phase = Phase::Opening { epoch, request };
         Ok(epoch)
     }
 
-    /// Returns this epoch and the intermediate epochs on the way to it, each at most one step above the previous
+    /// Returns this epoch, and the intermediate epochs that lead to this one, each at most one step above the previous
     /// one. The epochs in between were never open for a command.
     fn steps_to(&self, next: u64) -> Result<(Epoch, Vec<Epoch>), QueueError> {
         let found = self.known_epoch();
@@ -72,7 +72,7 @@ impl Session {
         Ok((Epoch(epoch), steps))
     }
 
-    /// Returns the highest epoch that the controller can be in, by its reports and our requests.
+    /// Returns the highest epoch in which the controller can be, according to its reports and our requests.
     pub(super) fn known_epoch(&self) -> Epoch {
         self.controller_epoch.max(self.asked_epoch)
     }
@@ -121,7 +121,7 @@ impl Session {
         };
     }
 
-    /// Ends the epoch for this cause, if anything in it is left or does harm.
+    /// Ends the epoch for this cause if it has commands left, or if tool or water is on.
     pub fn interrupt(&mut self, cause: StopCause) {
         if self.is_at_stake() {
             self.fault(Report::Interrupted { cause });

@@ -1,8 +1,8 @@
 //! The commands of one epoch: queued, sent, received, executed.
 //!
-//! Commands that are sent but not executed stay inside a window. It limits their number and the time of their
-//! motion, since the arm still executes these when the link drops. A path's motion is counted as distance over
-//! speed. Points of a path are sent at least a few at a time, however long they last, so that the controller can
+//! Commands that are sent but not executed stay inside a window. The window limits their number and the time of their
+//! motion, since the arm still executes these commands when the link drops. A path's motion is counted as distance
+//! over speed. Points of a path are sent at least a few at a time, however long they last, so that the controller can
 //! blend. Bytes that are not yet received stay below the size of its buffer, and commands below the number of free
 //! places that it last reported.
 
@@ -21,10 +21,11 @@ use std::time::Duration;
 
 /// Largest number of bytes sent and not yet received: half of what a channel buffers by default (`eki.md` 6, 30).
 const MAX_UNRECEIVED_BYTES: usize = 8 * 1024;
-/// Turning speed for the duration of a line that turns more than it moves, degrees a second. It is slower than the
-/// controller's own (`$VEL.ORI`, 200), so that the duration is not too short.
+/// Rotation speed with which the duration of a linear motion is calculated if the rotation takes longer than the
+/// translation, degrees a second. It is lower than the controller's own speed (`$VEL.ORI`, 200), so that the duration
+/// is not too short.
 const TURN_DEG_S: f64 = 90.0;
-/// How far behind its plan a point may be, in addition to twice its duration (`faults.md` R5).
+/// Largest delay of a point behind its plan, in addition to twice its duration (`faults.md` R5).
 const MAX_LATENESS: Duration = Duration::from_millis(500);
 
 /// A command that is queued or sent.
@@ -34,23 +35,23 @@ struct QueuedCommand {
     bytes: Vec<u8>,
     /// The duration of its motion by our calculation; zero if nothing moves.
     motion: Duration,
-    /// Start and speed of the command's line are known, so that the duration of its motion is usable.
+    /// Start and speed of the command's linear motion are known, so that its duration can be used.
     measured: bool,
     /// The command ends on the panel.
     contact: bool,
-    /// The path to which the command belongs as a point.
+    /// The path of which the command is a point; `None` for other commands.
     path: Option<Part>,
-    /// The end and the speed of its line, while its start is not known.
+    /// The end and the speed of the command's linear motion, while its start is not known.
     from_anywhere: Option<(KukaPose, Option<f64>)>,
     sent_at: Time,
 }
 
-/// The position of a point in its path.
+/// The path of a point: its first and its last command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Part {
     first: CommandId,
     last: CommandId,
-    /// The commands for whose echoes the point waits.
+    /// The commands that set base and tool; the points of the path wait for the echoes of both.
     base: CommandId,
     tool: CommandId,
 }
@@ -67,12 +68,12 @@ pub(super) struct Flow {
     next_id: CommandId,
     sent: CommandId,
     received: CommandId,
-    /// The last values from each channel, since one may be behind the other.
+    /// The last values that each channel reported, since one channel may be behind the other.
     acked_received: CommandId,
     acked_done: CommandId,
     state_done: CommandId,
     told: CommandId,
-    /// Limit of the commands that may be sent, from the free places in the controller's ring.
+    /// The highest command number that may be sent, from the free places in the controller's ring.
     credit: Option<u64>,
     base: FrameEcho,
     tool: FrameEcho,
@@ -163,7 +164,7 @@ impl Flow {
             Command::SetBase(base) => self.base.queued(id, base),
             Command::SetTcp(SetTcp { flange_from_tool, .. }) => self.tool.queued(id, flange_from_tool),
             Command::SetAccSpeed(speed) => self.speed_mm_s = Some(1_000.0 * speed.speed_m_s),
-            // Only the controller knows how long these last: each is alone in the window.
+            // Only the controller knows how long these commands take: each of them fills the window alone.
             Command::MoveJ(_) | Command::CallSubroutine { .. } => motion = limits.window,
             Command::MoveLin(MoveLin { speed_m_s: Some(speed_m_s), .. }) => {
                 self.speed_mm_s = Some(1_000.0 * speed_m_s)
@@ -240,7 +241,7 @@ impl Flow {
         self.permitted = last;
     }
 
-    /// Returns the first of this number of new ids.
+    /// Returns the first id of a block of this many new ids.
     fn next_ids(&self, count: u32) -> Result<CommandId, QueueError> {
         match self.next_id.0.checked_add(count) {
             Some(after) if after <= LAST_NUMBER => Ok(self.next_id),
@@ -288,8 +289,8 @@ impl Flow {
         has_place && commands + together <= limits.window_commands && self.motion_fits(part, together, limits)
     }
 
-    /// Returns whether the next points of a path fit into the window by time, or whether so few are sent that they
-    /// need not wait for it.
+    /// Returns whether the duration of the path's next points fits into the window. If only a few points of the path
+    /// are in flight, the duration is not limited.
     fn motion_fits(&self, part: Part, together: usize, limits: &LinkLimits) -> bool {
         let is_ours = |queued: &QueuedCommand| queued.path == Some(part);
         let ahead = self.in_flight.iter().filter(|queued| is_ours(queued)).count();
@@ -330,7 +331,7 @@ impl Flow {
         Ok(())
     }
 
-    /// Measures a line that starts at the arm's position from there, for its duration.
+    /// Calculates the duration of a linear motion that starts at the arm's present position.
     fn measure_start(&mut self, state: &State) {
         let is_seen = |frame: &FrameEcho| frame.last().is_some_and(|last| frame.is_confirmed(last));
         // Only an arm at rest in confirmed frames is at the reported pose; a moving one is already farther on.
@@ -364,7 +365,7 @@ impl Flow {
         }
     }
 
-    /// Returns the point that the arm is at, if it needs far longer than planned: once for each path.
+    /// Returns the point to which the arm is moving, if the motion takes far longer than planned: once for each path.
     pub(super) fn late(&mut self, now: Time) -> Option<Late> {
         let next = self.in_flight.front().filter(|next| next.measured)?;
         let last = next.path?.last;

@@ -69,7 +69,7 @@ pub enum QueueError {
         /// The epoch that should be set on the controller.
         above: u64,
     },
-    /// Straight lines need both frames, base and tool.
+    /// Linear motions need both frames, base and tool.
     #[error("move_lin needs base and tool set in this epoch; {missing} was not")]
     FramesNotSet {
         /// What is missing.
@@ -85,7 +85,8 @@ pub enum QueueError {
         /// The last id.
         most: u32,
     },
-    /// The correction of the arm needs the axis angles at the point, and no axis angles reach it.
+    /// The correction of the arm needs the axis angles at the point, and the point cannot be reached with any axis
+    /// angles.
     #[error("no axis angles lead to point {point}, so that the correction of the arm cannot be applied to it")]
     Uncorrected {
         /// From 1.

@@ -5,16 +5,16 @@
 //! differs, silence) ends it: abort on the wire, the queue dropped, a report. Nothing moves again before
 //! [`Session::open_epoch`]. A new connection only requests the state.
 //!
-//! A stop reaches the arm in every state. An abort needs no free number: the controller stops even if the number
-//! may not follow. The abort must be answered and obeyed within the watchdog's time, or the connections are closed,
-//! which stops the controller by its own rules. Reports never exceed what the controller has reported. Epochs that
-//! jump by more than [`EPOCH_STEP`](super::EPOCH_STEP) are refused on both sides, so that one wrong message cannot
-//! use the count up. Knowledge of the controller's epoch is valid for one connection; epochs that this program
-//! opened are remembered beyond it. After a controller's cold start, or with a store from a backup, the next epoch
-//! is reached in steps.
+//! A stop reaches the arm in every state. An abort needs no unused number: the controller stops even if the abort's
+//! number is not a valid successor. The abort must be answered and obeyed within the watchdog's time, or the
+//! connections are closed, which stops the controller by its own rules. Reports never exceed what the controller has
+//! reported. Epochs that jump by more than [`EPOCH_STEP`](super::EPOCH_STEP) are refused on both sides, so that one
+//! wrong message cannot exhaust the counter. Knowledge of the controller's epoch is valid for one connection; epochs
+//! that this program opened are remembered beyond it. After a controller's cold start, or with a store that was
+//! restored from a backup, the next epoch is reached in steps.
 //!
-//! On the wall clock a heartbeat is sent automatically at [`Session::deadline`]. In lock step there are no
-//! deadlines: each heartbeat is requested, and grants the controller its next 100 ms.
+//! On the wall clock a heartbeat is sent automatically at [`Session::deadline`]. In lock step there are no deadlines:
+//! each heartbeat is requested, and grants the controller its next 100 ms.
 
 mod commands;
 mod echo;
@@ -52,11 +52,11 @@ pub enum Pace {
 enum Phase {
     /// No connection.
     Offline,
-    /// Connected, and has requested the state; also a stop, if an abort was commanded before the answer came.
+    /// Connected; the state was requested, and also a stop if an abort was commanded before the answer arrived.
     Greeting { abort: Option<Stopping> },
     /// The controller is known; no epoch is open.
     Idle,
-    /// Has requested an epoch with this request.
+    /// The session has requested an epoch; `request` is the number of this request.
     Opening { epoch: Epoch, request: u32 },
     /// Commands flow.
     Open(Box<Flow>),
@@ -67,7 +67,7 @@ enum Phase {
 /// An abort in progress.
 #[derive(Debug, Clone, Copy)]
 struct Stopping {
-    /// The epoch that it ended, with the sent and executed commands of that epoch.
+    /// The epoch that the abort ended, with the sent and executed commands of that epoch.
     ended: Option<Epoch>,
     sent: CommandId,
     done: CommandId,
@@ -118,7 +118,8 @@ pub struct Session {
     /// The last request sent and the last request answered on this connection.
     asked: u32,
     answered: u32,
-    /// Unanswered heartbeats, each with the last command that it names; in lock step only.
+    /// The numbers of the unanswered heartbeats, each with the last command that the heartbeat names; in lock step
+    /// only.
     named: VecDeque<(u32, u32)>,
     last_sequence: Option<u32>,
     /// As last heard.
@@ -127,7 +128,7 @@ pub struct Session {
     heard: Time,
     next_heartbeat: Time,
     stale: u64,
-    /// The commanded outputs to a line, and those already sent to the controller on this connection.
+    /// The commanded outputs to a production line, and those already sent to the controller on this connection.
     line: Option<u32>,
     line_told: Option<u32>,
     /// Number of successive epochs in which no command was acknowledged in time.
@@ -182,8 +183,8 @@ impl Session {
         self.ask(Request::State);
     }
 
-    /// Handles a connection that failed, or could not be made. Queued commands are forgotten. An abort is left to
-    /// transmit, for a state channel that is still connected.
+    /// Handles a connection that failed, or could not be made. Queued commands are forgotten. An abort remains to be
+    /// sent, in case the state channel is still connected.
     pub fn disconnected(&mut self, why: LinkLoss) {
         let why = if self.is_greeting() { before_a_word(why) } else { why };
         if self.is_connected() {
@@ -193,7 +194,7 @@ impl Session {
         self.reports.push_back(Report::LinkLost { why });
     }
 
-    /// Returns false if the connections are to be closed, after the remaining transmission.
+    /// Returns false if the connections are to be closed once the remaining bytes are sent.
     pub fn is_connected(&self) -> bool {
         !matches!(self.phase, Phase::Offline)
     }
@@ -213,7 +214,7 @@ impl Session {
         self.stale
     }
 
-    /// Returns the next bytes to send. Requests come first, so that an abort waits for nothing.
+    /// Returns the next bytes to send. Requests come first, so that no command delays an abort.
     pub fn poll_transmit(&mut self, now: Time) -> Option<(Channel, Vec<u8>)> {
         if let Some(stopping) = self.stopping_mut() {
             stopping.asked_at.get_or_insert(now);
@@ -253,8 +254,8 @@ impl Session {
         }
     }
 
-    /// Sets the signals to a line from now on, as bits of the controller's outputs for it. They are sent at once if
-    /// a controller answers, and again on each new connection; they move nothing.
+    /// Sets the signals to a production line from now on, as bits of the controller's outputs to that line. They are
+    /// sent at once if a controller answers, and again on each new connection; they move nothing.
     pub fn tell_line(&mut self, bits: u32) {
         self.line = Some(bits);
         if self.greeted().is_ok() {
@@ -270,7 +271,8 @@ impl Session {
     }
 
     fn ask(&mut self, request: Request) -> u32 {
-        // The last request number is reserved for an abort: it ends the connection.
+        // The last request number is reserved for an abort; any other request that would need this number ends the
+        // connection.
         if self.asked + 1 >= LAST_NUMBER && !matches!(request, Request::Abort { .. }) {
             self.disconnected(LinkLoss::RequestsExhausted { most: LAST_NUMBER });
             return self.asked;

@@ -94,8 +94,8 @@ impl Session {
         }
     }
 
-    /// Returns whether the controller can be in this epoch, by the knowledge on this connection. If it cannot, this
-    /// is reported, and no part of its message is believed.
+    /// Returns whether the controller can be in this epoch, according to what is known on this connection. If it
+    /// cannot, this is reported, and no part of its message is used.
     fn follows(&mut self, channel: Channel, found: Epoch) -> bool {
         let known = self.known_epoch();
         // States arrive in order; an acknowledgement may belong to a previous epoch.
@@ -240,8 +240,8 @@ impl Session {
         }
     }
 
-    /// Checks for a robot that is far behind its plan: in the air this is only reported, in contact the robot has
-    /// stayed too long.
+    /// Checks for a robot that is far behind its plan: in the air this is only reported; in contact it ends the epoch,
+    /// because the disc has stayed too long at one place.
     fn check_pace(&mut self, now: Time) {
         let Phase::Open(flow) = &mut self.phase else { return };
         match flow.late(now) {
@@ -296,7 +296,8 @@ impl Stopping {
     }
 }
 
-/// Returns when the present message began: with these bytes, if another message ended in them.
+/// Returns the time at which the unfinished message began. If another message has ended in these bytes, the unfinished
+/// one began with these bytes, now.
 fn begun(before: Option<Time>, framer: &Framer, has_ended: bool, now: Time) -> Option<Time> {
     framer.is_inside().then(|| before.filter(|_| !has_ended).unwrap_or(now))
 }

@@ -1,4 +1,4 @@
-//! Tests that alarms begin and end when they should.
+//! Tests when alarms begin and end.
 
 use super::*;
 use crate::record::{Answer, RequestRecord, RequestedAction};
@@ -103,7 +103,7 @@ fn a_refused_request_is_an_alarm_of_its_moment() {
     assert_eq!(summaries(&record, &times), [alarm("not_now", None, 1_020_500, Some(1_020_500))]);
 }
 
-/// The same code raised again is another alarm, which no one has seen.
+/// The same code raised again is another alarm, which is not acknowledged yet.
 #[test]
 fn an_acknowledgement_is_of_one_raising() {
     let findings =

@@ -17,7 +17,7 @@ struct Film {
     is_sanded: bool,
     has_contrast: bool,
     bright: Vec<bool>,
-    /// The look of an open place in the last picture; with `None`, its bare look.
+    /// The brightness of an open place in the last picture; with `None`, the brightness while it looked bare.
     now: Option<f32>,
     break_to_film: Option<[f32; 2]>,
 }
@@ -178,8 +178,9 @@ fn places_of_one_trail_are_judged_together() {
     assert_eq!(large.settled(), (0, 32));
 }
 
-/// At one picture a second a break opened between 4 s and 6 s and closed again 1 s later. No part of it was film
-/// before another part was bare. By hand, its first part may have closed as late as 5 − 0.5 + 2 = 6.5 s, after 5 s.
+/// At one picture a second a break opened between 4 s and 6 s and closed again 1 s later. No part of the break was
+/// film before another part was bare. By hand, its first part may have closed as late as 5 − 0.5 + 2 = 6.5 s, after 5
+/// s.
 #[test]
 fn a_break_between_two_pictures_did_not_move_on() {
     let place = |column: usize, row: usize| (10..14).contains(&column) && (10..14).contains(&row);
@@ -228,9 +229,9 @@ fn a_place_that_looks_like_one_film_beside_it_and_like_a_break_of_the_other_is_u
     assert_eq!((beside(0.36), beside(0.6)), ((0, 113), (0, 0)));
 }
 
-/// Tests a sanded place. By hand, 0.9/0.6 = 1.5 of its film's look is within 1.2 to 2.0: the place broke. A look of
-/// 0.62 is within 8 % of the film around it: the place became film after a glint. A look of 0.45, and any look if
-/// the film is unknown, is neither. A place with a mean of 0.7 and 0.62 in the last picture became film, too.
+/// Tests a sanded place. By hand, 0.9/0.6 = 1.5 times its film's look is within 1.2 to 2.0: the place broke. A look of
+/// 0.62 is within 8 % of the film around it: the place became film after a glint. A look of 0.45, and any look if the
+/// film is unknown, means neither. A place with a mean of 0.7 and 0.62 in the last picture became film, too.
 #[test]
 fn a_sanded_place_is_held_against_the_film_around_it() {
     let sanded = |bare: f32| Film { is_sanded: true, bare: vec![bare; SIDE * SIDE], ..Film::with(disc) };

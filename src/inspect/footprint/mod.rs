@@ -1,13 +1,14 @@
-//! The region as the camera sees it at the panel's present place: which pixels it covers, and the surface of each.
+//! The region as the camera sees it at the panel's present pose: the pixels that the region covers, and the surface of
+//! each.
 //!
 //! Each taught pixel of the region has a point P on the panel and a share of its surface in mm². The point is
-//! transformed to the camera by  P_camera = camera_from_base · base_from_panel · P  (Eq. 4.6, 4.7) and to a pixel
-//! by Eq. 3.11, once; the surface then belongs to the nearest pixel. A broken pixel breaks the surface that it
-//! holds. So area is measured on the curved panel, at the taught place, and does not depend on the panel's present
-//! place.
+//! transformed to the camera by  P_camera = camera_from_base · base_from_panel · P  (Eq. 4.6, 4.7) and to a pixel by
+//! Eq. 3.11, once; the surface then belongs to the nearest pixel. A broken pixel counts as broken the surface that was
+//! assigned to it. So area is measured on the curved panel, at the taught pose, and does not depend on the panel's
+//! present pose.
 //!
-//! If the panel appears larger than at teaching, pixels between projected ones, which hold no surface, belong to
-//! the region too. A gap of one pixel is closed, so the panel may appear up to twice as large.
+//! If the panel appears larger than at teaching, pixels between projected ones, which have no surface of their own,
+//! belong to the region too. A gap of one pixel is closed, so the panel may appear up to twice as large.
 
 mod samples;
 
@@ -20,12 +21,12 @@ use opencv::core::{Mat, MatTraitConstManual};
 use opencv::imgproc;
 use samples::{Sample, mean_areas, region_samples};
 
-/// A grid counts as looked at if at least this share of its surface is in the picture; the rest is rounding at
+/// A grid counts as looked at if at least this fraction of its surface is in the picture; the rest is rounding at
 /// edges.
 const SEEN_SHARE: f64 = 0.99;
 
-/// Either method finds a break of this number of pixels; a smaller break may be lost in its rim. `make
-/// bench-inspect` prints the miss rate against size.
+/// Each of the two methods finds a break of this number of pixels; a smaller break may be lost in its blurred rim.
+/// `make bench-inspect` prints the miss rate against size.
 const SURE_PX: f64 = 12.0;
 
 /// Side of the squares over which the surface of a pixel is averaged, px.
@@ -77,9 +78,9 @@ pub struct GridFootprint {
     pub id: GridId,
     /// The whole surface of the grid, mm².
     pub area_mm2: f64,
-    /// The share of the grid that lies in the picture and is not masked, 0…1.
+    /// The fraction of the grid that lies in the picture and is not masked, 0…1.
     pub seen_share: f64,
-    /// The share of the grid that the recipe masks.
+    /// The fraction of the grid that the recipe masks.
     pub masked_share: f64,
     /// The area in the picture that showed nothing, mm²: overexposed, or hidden by a reflection that does not move.
     pub lost_mm2: f64,
@@ -89,7 +90,7 @@ pub struct GridFootprint {
 
 impl GridFootprint {
     /// Returns whether the whole grid lies in the picture and is not masked, even if parts showed nothing there.
-    /// Otherwise it cannot pass.
+    /// Otherwise the grid cannot pass.
     pub fn is_looked_at(&self) -> bool {
         self.looked_at_share() >= SEEN_SHARE
     }
@@ -98,7 +99,8 @@ impl GridFootprint {
         self.seen_share + if self.area_mm2 > 0.0 { self.lost_mm2 / self.area_mm2 } else { 0.0 }
     }
 
-    /// Returns whether the recipe masks a part of the grid, and every part that is not looked at.
+    /// Returns whether the recipe masks a part of the grid and this mask accounts for every part that is not looked
+    /// at.
     pub fn only_masked(&self) -> bool {
         self.masked_share > 0.0 && self.looked_at_share() + self.masked_share >= SEEN_SHARE
     }
@@ -212,7 +214,7 @@ impl Footprint {
         (0..own.len()).map(|index| own[index].unwrap_or_else(|| self.inside[index] && near(index))).collect()
     }
 
-    /// Returns for each grid the share that was sanded after the dry picture, relative to the part that is looked
+    /// Returns for each grid the fraction that was sanded after the dry picture, relative to the part that is looked
     /// at.
     pub(super) fn sanded_shares(&self) -> Vec<f64> {
         let mut areas = vec![(0.0, 0.0); self.grids.len()];
@@ -237,9 +239,9 @@ impl Footprint {
         broken_mm2
     }
 
-    /// The smallest break that is surely found on this panel from the camera's place, mm²: [`SURE_PX`] pixels of
-    /// the coarsest ones. Of two neighbours one may hold two taught pixels and the other none, so the surface is
-    /// averaged over many.
+    /// The smallest break that is surely found on this panel from the camera's position, mm²: the surface of
+    /// [`SURE_PX`] of the coarsest pixels. Of two neighbouring pixels one may contain two taught pixels and the other
+    /// none, so the surface is averaged over many.
     pub fn detection_limit_mm2(&self) -> f64 {
         let across = self.window.width.div_ceil(BLOCK_PX);
         let mut blocks = vec![(0.0, 0usize); across * self.window.height.div_ceil(BLOCK_PX)];
@@ -258,7 +260,7 @@ impl Footprint {
         SURE_PX * coarsest.unwrap_or_else(|| self.region_mm2() / all)
     }
 
-    /// The pixels of the picture that each grid holds: if two grids share a pixel, the first of its patches
+    /// Returns the pixels of the picture that belong to each grid: if two grids share a pixel, its first patch
     /// decides.
     pub(super) fn grid_pixels(&self) -> Vec<(GridId, Vec<usize>)> {
         let mut held: Vec<(GridId, Vec<usize>)> = self.grids.iter().map(|grid| (grid.id, Vec::new())).collect();

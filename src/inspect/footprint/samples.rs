@@ -4,8 +4,8 @@ use crate::geometry::{Mask, Panel, Pixel, Point, polygon};
 use crate::panel::TaughtPanel;
 use nalgebra::Point2;
 
-/// Neighbours up to this distance, px, determine a pixel's surface: far enough against the scanner's noise, near
-/// enough for the curvature.
+/// Neighbours up to this distance, px, determine a pixel's surface: far enough to average the scanner's noise, near
+/// enough for the panel's curvature.
 const AREA_REACH_PX: usize = 3;
 
 /// A taught pixel of the region, before projection.

@@ -109,8 +109,8 @@ fn the_limit_that_was_broken_is_named() {
     assert!(message.starts_with(told), "{message}");
 }
 
-/// Enough of the outline is seen, but its parts do not agree on one position: the reason must not name the amount
-/// that is seen.
+/// Enough of the outline is seen, but its parts do not agree on one position: the reason must not state that too
+/// little is seen.
 #[test]
 fn an_outline_that_does_not_agree_is_told_from_one_that_is_not_seen() {
     let told = |flaw: Flaw, worst: f64| {

@@ -5,16 +5,16 @@ use super::kernel::{BLOCK_PX, BROKE, EVER_WET, INSIDE, LEVEL, LOOK, NO_DRY, OPEN
 use super::{Model, Shimmer};
 use crate::geometry::median;
 
-/// A pixel counts as not seen if it showed neither film nor a bare place for a larger share of the film. The same
-/// is true if it shows neither for longer than [`MOVES_ON_S`] at the end.
+/// A pixel counts as not seen if it showed neither film nor a bare place for more than this fraction of the
+/// observation time. The same is true if it showed neither for longer than [`MOVES_ON_S`] at the end.
 const MAX_UNSEEN_SHARE: f64 = 0.5;
 /// A film that changes a place by less than this many times the noise is not distinguished from a break.
 pub const MIN_CONTRAST_TO_NOISE: f64 = 4.0;
-/// A place that is brighter than this compared with its dry look is not bare, in any light that can be measured.
+/// A place that is brighter than this multiple of its dry look is not bare, whatever light was measured.
 const BRIGHT: f32 = 1.15;
-/// One pixel in this many is used to determine what the film leaves of the dry look.
+/// Every nth pixel is used to determine the fraction of the dry look that remains under the film.
 const FILM_STRIDE: usize = 7;
-/// Fewer of them do not determine what film leaves in general.
+/// With fewer pixels the fraction that remains under the film is not determined.
 const MIN_FILM_PIXELS: usize = 100;
 
 impl Model {
@@ -54,7 +54,8 @@ impl Model {
         self.noise.levels()
     }
 
-    /// Returns the median over the region's pixels that have a dry look, were seen wet and did not break.
+    /// Returns the median of this value over the region's pixels that have a dry look, were seen wet and did not
+    /// break.
     fn median(&self, of: impl Fn(usize) -> f64) -> Option<f64> {
         let counts = |index: &usize| self.state(*index) & (INSIDE | NO_DRY | EVER_WET | BROKE) == INSIDE | EVER_WET;
         let all = (0..self.window.width * self.window.height).step_by(FILM_STRIDE).filter(counts);
@@ -81,17 +82,17 @@ impl Model {
         Some(self.views.variance(view, of_channel?, of_mean?))
     }
 
-    /// Returns the share of the dry look that remains under the film, measured from the wet looks.
+    /// Returns the fraction of the dry look that remains under the film, measured from the wet looks.
     pub(super) fn measured_film(&self) -> Option<f64> {
         self.median(|index| self.wet_levels(index) / self.dry_levels(index).max(1.0))
     }
 
-    /// Returns the share of the dry look that remains under the film, if the clip determined it.
+    /// Returns the fraction of the dry look that remains under the film, if the clip determined it.
     pub fn film(&self) -> Option<f64> {
         self.film_left
     }
 
-    /// Returns the median change of the region by the film, grey levels.
+    /// Returns the median change of brightness by the film over the region, grey levels.
     pub fn change_levels(&self) -> Option<f64> {
         self.median(|index| (self.wet_levels(index) - self.dry_levels(index)).abs())
     }
@@ -120,7 +121,7 @@ impl Model {
         let Some(last_s) = self.times_s.last().copied().map(f64::from) else { return false };
         let unseen_s = f64::from(past.unseen[at]) / TICKS_PER_SECOND;
         let seen_s = f64::from(self.times_s[usize::from(past.seen_at[at])]);
-        // A block that has been skipped since it was calm showed its film.
+        // A block that was skipped because its pixels were calm has shown its film.
         let is_calm = state & super::kernel::BUSY == 0;
         state & INSIDE > 0
             && state & (EVER_WET | BROKE) > 0
@@ -161,23 +162,23 @@ impl Model {
         (self.state(index) & (BROKE | OPEN) == BROKE).then(|| time_s(past.until[at]) - time_s(past.since[at]))
     }
 
-    /// Returns the reference look for a pixel's shares, levels: its dry look, or its film's look if it has no dry
-    /// look.
+    /// Returns the reference brightness for the pixel's ratios, levels: its dry look, or its film's look if it has no
+    /// dry look.
     fn whole_levels(&self, index: usize) -> f64 {
         let levels = if self.is_without_dry(index) { self.wet_levels(index) } else { self.dry_levels(index) };
         levels.max(1.0)
     }
 
-    /// Returns the look of a pixel while it looked bare, as a share of its dry look; for a place without a dry
-    /// look, as a share of its film's look.
+    /// Returns the mean brightness of a pixel while it looked bare, relative to its dry look; for a place without a
+    /// dry look, relative to its film's look.
     pub fn bare_look(&self, index: usize) -> f32 {
         let (block, at) = self.at(index);
         let off_levels = f64::from(self.past[block].off[at] as i16) / f64::from(LEVEL);
         (1.0 + off_levels / self.whole_levels(index)) as f32
     }
 
-    /// Returns the look of a pixel while it looked bare, and its look in the last picture, grey levels, both in the
-    /// light of its film's look.
+    /// Returns the brightness of a pixel while it looked bare, and in the last picture, grey levels, both in the light
+    /// of its film's look.
     pub fn levels(&self, index: usize) -> [f32; 2] {
         let (block, at) = self.at(index);
         let gain = self.light.of_tile(self.views.tile_of(block));
@@ -185,13 +186,13 @@ impl Model {
         [self.bare_look(index) * self.whole_levels(index) as f32, now as f32]
     }
 
-    /// Returns the look of the pixel's film, in the same shares as [`Model::bare_look`].
+    /// Returns the brightness of the pixel's film, relative to the same reference as [`Model::bare_look`].
     pub fn film_look(&self, index: usize) -> f32 {
         (self.wet_levels(index) / self.whole_levels(index)) as f32
     }
 
-    /// Returns the standard deviation of [`Model::bare_look`], in the same shares. It contains the noise of the
-    /// mean look and of the look with which it is compared.
+    /// Returns the standard deviation of [`Model::bare_look`], relative to the same reference. It contains the noise
+    /// of the mean bare brightness and of the reference.
     pub fn bare_look_noise(&self, index: usize) -> f32 {
         let of_whole = match self.is_without_dry(index) {
             true => self.wet_variance,
@@ -202,8 +203,8 @@ impl Model {
         (self.noise_levels() * variance.sqrt() / self.whole_levels(index)) as f32
     }
 
-    /// Returns the range of the share of the dry look that remains under the film. A twentieth of the region's
-    /// known film is left out at each end; `None` if nothing is known.
+    /// Returns the range of the fraction of the dry look that remains under the film. A twentieth of the region's
+    /// known film is left out at each end; `None` if too little film is known.
     pub fn film_range(&self) -> Option<[f64; 2]> {
         let counts = |index: &usize| self.state(*index) & (INSIDE | NO_DRY | EVER_WET | BROKE) == INSIDE | EVER_WET;
         let all = (0..self.window.width * self.window.height).step_by(FILM_STRIDE).filter(counts);
@@ -213,7 +214,7 @@ impl Model {
         (shares.len() >= MIN_FILM_PIXELS).then(|| [shares[part], shares[shares.len() - 1 - part]])
     }
 
-    /// Returns the minimum share of its dry look to which a broken place returns.
+    /// Returns the minimum fraction of its dry look to which a broken place returns.
     pub fn damp(&self) -> f64 {
         self.terms.damp
     }

@@ -21,8 +21,8 @@ pub struct Band<'a> {
 }
 
 impl Band<'_> {
-    /// Judges the pixels of the band, which is the row of tiles with number `index`. Returns the pixels that broke
-    /// now, as indices of the band.
+    /// Judges the pixels of the band; `index` is the number of its row of tiles. Returns the pixels that broke now, as
+    /// indices of the band.
     pub fn judge(&mut self, light: &Light, index: usize, rule: &Rule) -> Vec<usize> {
         let columns = self.columns;
         let gains = light.blocks_q12(index);

@@ -1,32 +1,30 @@
 //! Film, bare or neither: each pixel of each picture, and for how long.
 //!
-//! Let s be a pixel's look, w its own wet look and d its own dry look in the present light. β is the least share of
-//! its dry look to which a broken place returns, and σ is the clip's noise. A place that broke then has a look from
-//! about β d to d. Between that and the film's look lies the gap g. The half of the gap nearer to the bare look, 6
-//! σ at most, counts as bare:
+//! Let s be a pixel's look, w its own wet look and d its own dry look in the present light. β is the smallest fraction
+//! of its dry look to which a broken place returns, and σ is the clip's noise. A place that broke then has a look from
+//! about β d to d. Between this range and the film's look lies the gap g. The half of the gap nearer to the bare look,
+//! 6 σ at most, counts as bare:
 //!     bare    β d − min(g/2, 6 σ) ≤ s ≤ 9/8 d        if the film is darker,                                     (1)
 //!             7/8 β d ≤ s ≤ d + min(g/2, 6 σ)        if it is brighter,
-//! and film is every other look on the film's side of the middle of the gap: a surface that is not bare, and was
-//! not sanded since its dry picture, has water on it. Between that middle and (1) it is neither: such a look shows
-//! nothing, and a run stays as it is. A place without a dry look of its own is film while |s − w| ≤ a. Beyond, it
-//! is bare, up to the brightest look that a bare place of such a film can have; a is half of the change that a
-//! break would cause.
+//! and film is every other look on the film's side of the middle of the gap: a surface that is not bare, and was not
+//! sanded since its dry picture, has water on it. Between that middle and (1) a look is neither: it shows nothing, and
+//! a run stays as it is. A place without a dry look of its own is film while |s − w| ≤ a. Beyond, it is bare, up to
+//! the brightest look that a bare place of such a film can have; a is half of the change that a break would cause.
 //!
 //! Reflections and waves move, and a bare place does not. So bare counts only while
 //!     |s − s'| ≤ 4 σ + d/32,    s' the look in the picture before.                                              (2)
-//! A run counts the time of bare looks against that of film and stays within 0…H (a CUSUM, Page, Biometrika 41,
-//! 1954). H is the time for which a place must look bare, less the step between two pictures: at H the film is
-//! open, back at 0 it is closed. While the place is overexposed or unsteady, the run stays as it is. Until the film
-//! is open, the run begins anew if the look differs from the mean of its last second by as much as (2). All times
-//! are those of the pictures' time stamps.
+//! A run counts the time of bare looks against that of film and stays within 0…H (a CUSUM, Page, Biometrika 41, 1954).
+//! H is the time for which a place must look bare, minus the step between two pictures: when the run reaches H the
+//! film is open, and when it is back at 0 the film is closed. While the place is overexposed or unsteady, the run
+//! stays as it is. Until the film is open, the run begins anew if the look differs from the mean of its last second by
+//! as much as (2). All times are those of the pictures' time stamps.
 //!
-//! A film that moves looks different from time to time. A place with a film that was calm so far may change within
-//! a moment to another look that is neither its film's nor a bare one, and keep it. It has changed in a way that
-//! this model does not know: it is marked, and is not passed. The same is true for a place that keeps looks on the
-//! bare side of the middle of the gap for three seconds and did not break; such a look never becomes another look
-//! of the film.
+//! A film that moves looks different from time to time. If the film of a place was calm so far, the place may change
+//! within a moment to another steady look that is neither its film's nor a bare one. Such a change is unknown to this
+//! model: the place is marked and does not pass. The same is true for a place that keeps looks on the bare side of the
+//! middle of the gap for three seconds and did not break; such a look never becomes another look of the film.
 //!
-//! Most of a panel is film and stays so: a block that contains only such pixels is left as it is.
+//! Most of a panel is film and stays film: a block that contains only such pixels is skipped.
 
 #![allow(unsafe_code, reason = "multiversion's dispatch; nothing here is unsafe by itself")]
 
@@ -40,22 +38,22 @@ use multiversion::multiversion;
 pub const TICKS_PER_SECOND: f64 = 64.0;
 /// Reflections move on within this time, s, and a break stays.
 pub const MOVES_ON_S: f64 = 3.0;
-/// A look this close to the bare looks, in σ, may still count as bare …
+/// A look that lies outside of the bare looks by at most this, in σ, may still count as bare …
 const BARE_SIGMA: u16 = 6;
-/// … two looks this close together count as equal, in σ …
+/// … two looks that differ by at most this, in σ, count as equal …
 const ALIKE_SIGMA: u16 = 4;
 /// … and a look that lies farther than this outside of all bare looks is water, in σ.
 const SURE_SIGMA: u16 = 8;
-/// A step changes the look by more than one part in this: at the edge of a shadow the light is not known better,
-/// and a film takes away two of five.
+/// A step changes the look by more than one part in this number: at the edge of a shadow the light is not known more
+/// exactly, and a film removes two fifths of the brightness.
 const FAR_PART: u16 = 6;
 /// A step lasts this long at most, ticks: a quarter of a second, or two pictures …
 const QUICK_TICKS: u16 = 16;
 /// … and the place was calm for this long before it: a second.
 const CALM_TICKS: u16 = 64;
-/// A place that looks nearer to bare than to its film for this time, ticks, does not pass.
+/// If a place has a look nearer to bare than to its film for this time, ticks, it does not pass.
 const BETWEEN_TICKS: u16 = (MOVES_ON_S * TICKS_PER_SECOND) as u16;
-/// The error by rounding that is added to a bound.
+/// The rounding error that is added to a bound.
 const MARGIN: u16 = 3 * LEVEL / 2;
 
 /// The observation of one block of pixels in a picture.
@@ -80,12 +78,12 @@ pub struct Past {
     pub since: Block,
     /// The picture in which the pixel's film closed again, if the film broke before.
     pub until: Block,
-    /// The difference from the pixel's dry look while it looked bare, or from its wet look if it has no dry look.
-    /// This is a mean with fading memory, 1/64 level, signed.
+    /// The difference from the pixel's dry look while it looked bare, or from its wet look if it has no dry look. This
+    /// is an exponential moving average, 1/64 level, signed.
     pub off: Block,
     /// Time for which the pixel showed neither film nor a bare place, ticks …
     pub unseen: Block,
-    /// … and the picture in which the pixel last showed one of them.
+    /// … and the picture in which the pixel last showed film or a bare place.
     pub seen_at: Block,
     /// Time for which the pixel has had a steady look that is neither film nor bare, ticks.
     pub away: Block,
@@ -114,7 +112,7 @@ impl Past {
 pub struct Rule {
     /// β in 1/65536.
     pub damp_q16: u16,
-    /// a for a place without a dry look, as a share of its wet look, 1/65536.
+    /// The bound a for a place without a dry look, as a fraction of its wet look, 1/65536.
     pub away_q16: u16,
     /// A place without a dry look that is brighter than this multiple of its wet look is not bare: a reflection
     /// lies on its film. 1/4096, below 4.
@@ -132,10 +130,10 @@ pub struct Rule {
     pub now: u16,
     /// The ratio of the light to the previous light, 1/4096.
     pub brighter_q12: u16,
-    /// The share of each picture in the mean look of a bare place is one part in 2 to this power: the mean is that
-    /// of the last second.
+    /// The weight of each picture in the mean look of a bare place is one part in 2 to this power: the mean is that of
+    /// the last second.
     pub mean: u32,
-    /// Present while the wet look is being learnt: a new look counts for one part in 2 to this power.
+    /// Present while the wet look is being learnt: the weight of a new look is one part in 2 to this power.
     pub learn: Option<u32>,
 }
 
@@ -216,7 +214,7 @@ pub struct Known<'a> {
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+fma", "x86_64+sse4.1+ssse3"))]
 pub fn judge(observed: Observed<'_>, known: Known<'_>, rule: &Rule) -> bool {
     let Known { state: states, wet: wets_as, past } = known;
-    // Copies, to which nothing else can point: otherwise the compiler does not vectorize the loop.
+    // Copies that no other reference can alias: otherwise the compiler does not vectorize the loop.
     let Observed { look, before, dry, gain_q12, light_q12 } = observed;
     let (look, before, dry, gain_q12, light_q12) = (*look, *before, *dry, *gain_q12, *light_q12);
     let mut wet = *wets_as;
@@ -264,8 +262,8 @@ pub fn judge(observed: Observed<'_>, known: Known<'_>, rule: &Rule) -> bool {
         let idle = mask(own & BUSY == 0);
         seen_at[i] = choose(seen, rule.now, choose(idle, rule.before, seen_at[i]));
 
-        // A second is long enough to learn the film's look. A place that is bare at the beginning learns its film's
-        // look when it first becomes wet.
+        // Learns the film's look, for which a second is long enough. A place that is bare at the beginning learns its
+        // film's look when it first becomes wet.
         let ever_wet = mask(own & EVER_WET > 0);
         let nearer = ((s.wrapping_sub(w) as i16) >> shift) as u16;
         let first = !ever_wet & looks_wet & has_dry & !is_near;

@@ -6,7 +6,7 @@
 //!     e = s − r t d,  r = Σ s / Σ t d,        of the dry colour:  max e − min e ≤ 6 levels + max d / 16.       (1)
 //! The bound is four times a camera's noise. On a grey panel (1) always holds: colour gives no information there.
 
-/// The error that noise causes in (1), grey levels, and as a share of the brightest channel.
+/// The error in (1) that noise causes, in grey levels and as a fraction of the brightest channel.
 const NOISE_LEVELS: f64 = 6.0;
 const NOISE_SHARE: f64 = 1.0 / 16.0;
 

@@ -1,8 +1,8 @@
-//! The operations on every pixel of every picture, in 16-bit integers: compiled for each kind of processor and
-//! chosen at run time.
+//! The operations on every pixel of every picture, in 16-bit integers: compiled for each kind of processor and chosen
+//! at run time.
 //!
-//! A pixel's look is a weighted sum of its channels in 1/64 grey level, in the light of the dry picture: the
-//! weights remove the lamp's change. The factor by which a tile of the region has more or less light is its gain
+//! A pixel's look is a weighted sum of its channels in 1/64 grey level, in the light of the dry picture: the weights
+//! remove the lamp's change. The ratio of the light on a tile to the light of the wet looks is its gain
 //! ([`super::light`]).
 
 // The dispatcher that the attribute generates calls functions compiled for the detected processor.
@@ -17,7 +17,7 @@ pub const LOOK: u16 = 0x3fff;
 /// From this value upward a channel may be overexposed.
 const OVEREXPOSED_FROM: u8 = 250;
 
-/// The number of pixels of a row that are judged, or skipped, together; rows consist of whole blocks.
+/// The number of pixels in a row that are judged, or skipped, together; a row consists of whole blocks.
 pub const BLOCK_PX: usize = 32;
 pub type Block = [u16; BLOCK_PX];
 /// Side of a cell, px, over which the light is constant. The next constant is the number of cells in a block.
@@ -72,7 +72,7 @@ pub fn lit(look: u16, gain_q12: u16) -> u16 {
 pub fn looks(pixels: &[[u8; 3]], weights: [u16; 3], out: &mut [u16]) {
     let count = out.len().min(pixels.len());
     let (out, bytes) = (&mut out[..count], &pixels.as_flattened()[..3 * count]);
-    // Computed byte by byte: compilers turn this into vector code, but load the triples of pixels one by one.
+    // Written as a loop over bytes: compilers vectorize this loop, but would load the triples of pixels one by one.
     for i in 0..count {
         let [r, g, b] = [bytes[3 * i], bytes[3 * i + 1], bytes[3 * i + 2]].map(u16::from);
         let sum = (r * weights[0]).saturating_add(g * weights[1]).saturating_add(b * weights[2]).min(LOOK);
@@ -81,7 +81,7 @@ pub fn looks(pixels: &[[u8; 3]], weights: [u16; 3], out: &mut [u16]) {
     }
 }
 
-/// Sums of the found and the expected looks over the pixels of a tile that lie within a band around the expected
+/// Sums of the measured and the expected looks over the pixels of a tile that lie within a band around the expected
 /// look.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Sum {

@@ -1,15 +1,16 @@
 //! The light of each picture by channel, measured on the surroundings of the panel.
 //!
 //! Nothing mirrors there and little becomes wet, so each channel's median of brightness over dry brightness is its
-//! light. Lamps on the mains tint pictures if the exposure is no multiple of half of the mains' period, each
-//! channel by its own share: phosphors are slow, the diode that feeds them is not. Evaluated channel by channel,
+//! light. Lamps on the mains tint pictures if the exposure is no multiple of half of the mains' period, each channel
+//! by a different amount: the phosphors are slow, the diode that excites them is not. Evaluated channel by channel,
 //! that beat is light like any other.
 //!
-//! Surroundings that became wet are darker, too, as if the lamp were darker: no lamp is assumed to be as dark as
-//! that. If a lamp [`Flicker`]s as much, it is unknown whether the lamp or water made the surroundings darker.
-//! Water makes nothing brighter: if the surroundings are brighter than with any lamp that drifts, or saturate, the
-//! camera's exposure or gain has changed. A shadow darkens one place after the other, and never all. A lamp that
-//! changes does so at most places from one picture to the next, and the places agree on it as they did before.
+//! Surroundings that became wet are darker, too, as if the lamp were darker: a change below the plausible range is not
+//! assumed to be the lamp's. If the light [`Flicker`]s that much, it is unknown whether the lamp or water made the
+//! surroundings darker. Water makes nothing brighter: if the surroundings are brighter than with any lamp that drifts,
+//! or saturate, the camera's exposure or gain has changed. A shadow darkens one place after the other, and never all.
+//! A lamp that changes does so at most places from one picture to the next, and as many places agree on the light as
+//! before.
 
 use super::flicker::Flicker;
 use super::sensor::SensorNoise;
@@ -19,7 +20,7 @@ use crate::inspect::footprint::Window;
 /// A margin around the window, as a share of its size, in which nothing is looked at: the panel's own rim, and the
 /// area that is sprayed.
 const AROUND: f64 = 0.06;
-/// About this many places are examined at most, and fewer than this give no result.
+/// About this many places are examined at most; the next constant is the number below which there is no result.
 const PLACES: usize = 1_500;
 const MIN_PLACES: usize = 60;
 /// Levels of a dry place that can be used.
@@ -28,12 +29,12 @@ const LEVELS: std::ops::RangeInclusive<u8> = 16..=235;
 const PLAUSIBLE: std::ops::Range<f64> = 0.77..1.3;
 /// At this level or above a place may be overexposed, and shows only that it is at least as bright.
 const SATURATED: u8 = 250;
-/// A place agrees if it is this near to the median.
+/// A place agrees if its ratio differs from the median by less than this fraction.
 const NEAR: f64 = 0.08;
-/// This share of the places around the panel must agree on the light.
+/// At least this fraction of the places around the panel must agree on the light.
 const MIN_AGREE: f64 = 0.5;
-/// If the light changed by more than [`NEAR`], the share of places that agree must be at least this part of the
-/// previous share. Otherwise a shadow lies on most of the places.
+/// If the light changed by more than [`NEAR`], the fraction of places that agree must be at least this part of the
+/// previous fraction. Otherwise a shadow lies on most of the places.
 const STILL_AGREE: f64 = 0.9;
 
 /// The surroundings of the panel in the dry picture.
@@ -43,7 +44,7 @@ pub struct Lamp {
     flicker: Flicker,
     /// The last light that was accepted, and the value of [`Lamp::followed`] at that time.
     believed: Option<(Lit, f64)>,
-    /// The light, followed through the changes of most places from picture to picture; the mean of the channels.
+    /// The light that follows from the common change of most places from picture to picture; the mean of the channels.
     followed: f64,
     /// The last levels of the square around each place, in the dry picture's light.
     last: Vec<[f64; 3]>,
@@ -55,10 +56,9 @@ pub struct Lamp {
 pub struct Lit {
     /// The gain of each channel, relative to the dry picture.
     pub gains: [f64; 3],
-    /// The share of the places that agree; 0 for too few places, and if no lamp is like that.
+    /// The fraction of the places that agree; 0 if there are too few places, or if no lamp has such a light.
     pub agree: f64,
-    /// The mean swing of a lamp that flickers, if the places agree on a light that no lamp has; otherwise 0.
-    /// Percent.
+    /// The mean swing of a lamp that flickers, percent, if the places agree on a light that no lamp has; otherwise 0.
     pub flicker_percent: f64,
     /// The mean gain, if the places agree that it is more than a lamp's drift.
     pub brighter: Option<f64>,
@@ -72,8 +72,8 @@ impl Lit {
         self.gains.iter().sum::<f64>() / 3.0
     }
 
-    /// Is it the light of a shadow on most places, if these became brighter by this factor since the previous
-    /// light?
+    /// Returns whether this is the light of a shadow on most places, if these became brighter by this factor since the
+    /// previous light.
     fn is_shadow_after(&self, before: &Lit, brighter: f64) -> bool {
         let is_change = is_near(self.mean(), brighter * before.mean()) && self.agree >= STILL_AGREE * before.agree;
         !is_near(self.mean(), before.mean()) && !is_change
@@ -193,7 +193,7 @@ impl Lamp {
         let mut now: Vec<[f64; 3]> = self.places.iter().map(now).collect();
         let mut followed = gains;
         if self.last.len() == now.len() {
-            // The squares show the change that they have in common better than single pixels do.
+            // The squares determine the common change more exactly than single pixels do.
             for i in 0..3 {
                 let shares = self.last.iter().zip(&now).map(|(before, now)| now[i] / before[i]);
                 let mut shares: Vec<f64> = shares.filter(|share| share.is_finite()).collect();
@@ -230,8 +230,8 @@ fn is_near(ratio: f64, gain: f64) -> bool {
 mod tests {
     use super::*;
 
-    /// By hand: red a tenth brighter, blue a tenth darker. The wet area does not count: it is the window and less
-    /// than a half of its surroundings.
+    /// By hand: red a tenth brighter, blue a tenth darker. The wet area has no effect: it consists of the window and
+    /// less than half of its surroundings.
     #[test]
     fn a_tint_is_told_by_what_lies_around_the_panel() {
         let window = Window { left: 40, top: 30, width: 80, height: 60 };

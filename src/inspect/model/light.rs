@@ -1,22 +1,23 @@
-//! The light over the region in one picture, against the looks of its film: smooth in the picture, free in time.
+//! The light over the region in one picture, relative to the looks of its film: smooth over the picture, unconstrained
+//! over time.
 //!
-//! Each tile of 32 × 32 px gives the factor by which its film is brighter than its wet look. Pixels that just
-//! became wet or bare are far from that factor (a film takes away a third or more) and are left out, and so are
-//! glints. A tile's factor is then a mean over its neighbours, and bounded: a shadow darkens a part, nothing
-//! brightens a part alone. So a break that fills a tile is not mistaken for light.
+//! Each tile of 32 × 32 px gives the factor by which its film is brighter than its wet look. Pixels that just became
+//! wet or bare are far from that factor (a film takes away a third or more), so they are left out, as glints are. A
+//! tile's factor is then a mean over its neighbours, and bounded: a shadow darkens a part, nothing brightens a part
+//! alone. So a break that fills a tile is not mistaken for light.
 //!
 //! If the surroundings of the panel show the lamp, its change is removed from the looks before ([`super::lamp`]). A
-//! loss of light that remains is a shadow, and a gain that remains is a film that thins out: on a bare place the
-//! light is never more than the lamp's.
+//! remaining loss of light is a shadow, and a remaining gain is a film that thins out: on a bare place the light is
+//! never more than the lamp's.
 
 use super::kernel::{BLOCK_PX, Block, CELL_PX, CELLS, Sum};
 
 /// A tile's side, px.
 pub const TILE_PX: usize = BLOCK_PX;
-/// The largest accepted light, 1/4096; a picture with more light could not be used for the judgement.
+/// The largest accepted light, 1/4096; a picture with more light is not usable for the judgement.
 const MAX_Q12: f64 = 16_383.0;
 
-/// At least this share of a tile must be near the expected look.
+/// At least this fraction of a tile's pixels must be near the expected look.
 const MIN_SHARE: f64 = 0.25;
 /// The permitted range of a tile's light relative to the region's median.
 const LOCALLY: [f64; 2] = [0.55, 1.08];
@@ -34,7 +35,7 @@ pub struct Light {
 }
 
 impl Light {
-    /// Returns the same light as that of the wet looks, for a lattice of tiles.
+    /// Returns a light that equals the light of the wet looks, for a lattice of tiles.
     pub fn even(columns: usize, rows: usize) -> Self {
         Light { columns, tiles: vec![1.0; columns * rows], global: 1.0, without_lamp: false }
     }
@@ -64,8 +65,8 @@ impl Light {
         ratios.sort_by(|a, b| a.0.total_cmp(&b.0));
         let last = if without_lamp == self.without_lamp { self.global } else { 1.0 };
         let median = weighted_median(&ratios).unwrap_or(last);
-        // A film that broke everywhere is brighter than any film that thinned out, and no lamp reports such a
-        // light.
+        // If the film broke everywhere, the region is brighter than any film that thins out, and this is not the
+        // lamp's light.
         let global = if without_lamp { median.clamp(LOCALLY[0], LOCALLY[1]) } else { median };
         let rows = self.tiles.len() / self.columns;
         let bounds = LOCALLY.map(|bound| if without_lamp { bound } else { bound * global });
@@ -109,7 +110,8 @@ impl Light {
         blocks
     }
 
-    /// Returns the light on bare places beside film with these gains, 1/4096.
+    /// Returns the light on bare places, 1/4096, from the gains of the film beside them. If the lamp's change is known
+    /// and left out, it is at most the lamp's light.
     pub fn on_bare_q12(&self, gains: &[Block]) -> Vec<Block> {
         if !self.without_lamp {
             return gains.to_vec();
@@ -119,7 +121,8 @@ impl Light {
     }
 }
 
-/// The two tiles' centres between which a cell's centre lies, for this many tiles, and the fraction of the way.
+/// Returns the two neighbouring tiles between whose centres a cell's centre lies, for this many tiles, and the
+/// fraction of the distance between them.
 fn between(cell: usize, tiles: usize) -> (usize, usize, f64) {
     let at = ((cell as f64 + 0.5) / CELLS as f64 - 0.5).clamp(0.0, tiles as f64 - 1.0);
     let first = (at as usize).min(tiles.saturating_sub(2));
@@ -151,7 +154,7 @@ mod tests {
         Sum { found, expected: 1_000, pixels: 100 }
     }
 
-    /// By hand: eight of nine tiles have a tenth more light; the ninth, 1.3 times as bright, counts for 1.08 · 1.1
+    /// By hand: eight of nine tiles have a tenth more light; the ninth, 1.3 times as bright, has a gain of 1.08 · 1.1
     /// at most.
     #[test]
     fn a_part_may_be_darker_and_not_brighter() {
@@ -165,8 +168,8 @@ mod tests {
         assert!((light.tiles[4] - (8.0 * 1.1 + 0.8) / 9.0).abs() < 1e-9);
     }
 
-    /// By hand, with a known lamp: a film that became 1.3 times as bright counts for 1.08 at most, and a bare place
-    /// has the lamp's light. In a shadow of 0.8 both have 0.8.
+    /// By hand, with a known lamp: the gain of a film that became 1.3 times as bright is limited to 1.08, and a bare
+    /// place has the lamp's light. In a shadow of 0.8 both have 0.8.
     #[test]
     fn beside_a_known_lamp_no_film_is_light() {
         let of = |found: u32| Light::even(3, 3).found(&[sum(found); 9], &[100; 9], true);

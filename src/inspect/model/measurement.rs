@@ -14,7 +14,7 @@ pub struct PictureMeasurement {
     pub frozen: bool,
     /// τ, measured or assumed.
     pub film_left: f64,
-    /// The flicker of the lamp, percent, if either the lamp or water changed the surroundings and it is not known
-    /// which of them; otherwise 0.
+    /// The flicker of the lamp, percent, if it is not known whether the lamp or water changed the surroundings;
+    /// otherwise 0.
     pub flicker_percent: f64,
 }

@@ -1,16 +1,14 @@
 //! The film's model: the wet and the bare look of each pixel, and for how long the pixel has looked so.
 //!
-//! **A grid passes only on positive evidence of an unbroken film: each of its places was seen wet, and looks like
-//! its own wet state until the end of the observation. A place that is neither surely film nor surely broken counts
-//! as not seen, and no grid with such a place passes.** Every limit of this room lies on the safe side of that
-//! rule.
+//! **A grid passes only on positive evidence of an unbroken film: each of its places was seen wet, and looks like its
+//! own wet state until the end of the observation. A place that is neither surely film nor surely broken counts as not
+//! seen, and no grid with such a place passes.** Every limit of this module lies on the safe side of that rule.
 //!
-//! Each pixel is compared with its own wet look w, learnt from the first second of the film, and with its own dry
-//! look d, if it still has one: a place that was sanded since the dry picture has none ([`judging`]). Film may be
-//! darker than the dry panel or brighter, by place and by channel ([`views`]). All limits are multiples of the
-//! clip's own noise ([`noise`]). The lamp's light is measured around the panel and removed from each picture
-//! ([`lamp`]). Shadows and a film that thins out are measured on the film itself and removed tile by tile
-//! ([`light`]).
+//! Each pixel is compared with its own wet look w, learnt from the first second of the film, and with its own dry look
+//! d, if it still has one: a place that was sanded since the dry picture has none ([`classify`]). Film may be darker
+//! than the dry panel or brighter, by place and by channel ([`views`]). All limits are multiples of the clip's own
+//! noise ([`noise`]). The lamp's light is measured around the panel and removed from each picture ([`lamp`]). Shadows
+//! and a film that thins out are measured on the film itself and removed tile by tile ([`light`]).
 //!
 //! Memory is fixed: about 28 bytes for each pixel of the window. The model does not know grids or verdicts.
 
@@ -58,15 +56,15 @@ const MIN_DRY_LEVELS: u8 = 4;
 const MAX_DRY_LEVELS: u8 = 249;
 /// The wet look is learnt over this time, s.
 const LEARNT_S: f64 = 1.0;
-/// While water is sprayed, a place counts as wet if it differs from each bare look by at least this share of its
+/// While water is sprayed, a place counts as wet if it differs from each bare look by at least this fraction of its
 /// dry look.
 const SPRAYED_SHARE: f64 = 0.1;
-/// On a sanded place the film may leave another share of the look than on the panel: the panel's share to a power
-/// up to this one. The simulators draw the power from 0.85 to 1.25.
+/// On a sanded place the fraction of the look that remains under the film may differ from that on the panel: it is the
+/// panel's fraction raised to a power of at most this. The simulators draw the power from 0.85 to 1.25.
 pub const FILM_POWER: f64 = 1.3;
-/// The largest ratio to a film's look up to which looks are compared.
+/// The largest ratio to the film's look up to which looks are compared.
 const MAX_BRIGHTNESS_RATIO: f64 = 3.9;
-/// The share of the dry look that remains under a film; assumed until the clip determines it.
+/// The fraction of the dry look that remains under a film; assumed until the clip determines it.
 pub const FILM_ASSUMED: f64 = 0.62;
 
 /// The largest number of pictures that are counted, and the longest film, s.
@@ -111,7 +109,7 @@ pub struct Model {
     light: Light,
     /// The light of the last picture that was looked at.
     next_light: Option<Light>,
-    /// The share of the dry look that remains under the film: the median over the region's pixels.
+    /// The fraction of the dry look that remains under the film: the median over the region's pixels.
     film_left: Option<f64>,
     /// The brightest light so far, relative to the light of the first wet picture.
     brightest: f64,
@@ -294,7 +292,7 @@ impl Model {
             self.set_dry_looks();
         }
         self.read(picture);
-        // The first picture also serves as the one before it.
+        // The first picture also serves as its own previous picture.
         self.before.clone_from(&self.look);
         self.wet = self.look.iter().map(|look| look.map(|look| look & LOOK)).collect();
         for state in self.state.as_flattened_mut() {
@@ -373,8 +371,8 @@ impl Model {
 
     /// Returns half of the change that a break as damp as allowed causes in a film, as a share of the film's look.
     pub fn away_share(&self) -> f64 {
-        // A shadow on the first picture is not film; therefore the film is evaluated in the brightest light so far.
-        // This rather underestimates than overestimates the change by a break.
+        // A shadow on the first picture must not count as film; therefore the film is evaluated in the brightest light
+        // so far. This rather underestimates than overestimates the change by a break.
         let film = self.film_left.unwrap_or(FILM_ASSUMED);
         let film = if film < 1.0 { (film * self.brightest).min(1.0) } else { film };
         ((self.terms.damp / film - 1.0).abs() / 2.0).min(0.5)
@@ -418,9 +416,9 @@ impl Model {
         self.dry_rgb.get(index).is_none_or(|dry| is_of_dry_colour(now, *dry, tint))
     }
 
-    /// Cancels a break because the bare look is a reflection. The pixel did not break, and since it has looked bare
-    /// it has shown nothing of its film. The run stays one picture short, so that the next picture is looked at as
-    /// well.
+    /// Cancels a break because the bare look is a reflection. The pixel did not break, and the time for which it
+    /// looked bare counts as not seen. The run is set to just below the required time, so that the next picture is
+    /// checked as well.
     fn take_back(&mut self, index: usize) {
         let (block, at) = self.at(index);
         let past = &mut self.past[block];

@@ -20,7 +20,7 @@ const ASSUMED_LEVELS: f64 = 1.5;
 pub(super) const ROW_STRIDE: usize = 4;
 const MIN_DIFFERENCES: u64 = 200;
 
-/// The result of the differences so far.
+/// The histogram of the differences so far.
 #[derive(Debug, Clone)]
 pub struct Noise {
     classes: Vec<u64>,
@@ -31,8 +31,8 @@ impl Noise {
         Noise { classes: vec![0; CLASSES] }
     }
 
-    /// Adds the pixels of a row in two consecutive pictures; `brighter` is the light of the second against the
-    /// first.
+    /// Adds the pixels of a row in two consecutive pictures; `brighter` is the ratio of the second picture's light to
+    /// the first's.
     pub fn add(&mut self, look: &[Block], before: &[Block], state: &[Block], brighter: f64) {
         for ((look, before), state) in look.iter().zip(before).zip(state) {
             for ((look, before), state) in look.iter().zip(before).zip(state) {

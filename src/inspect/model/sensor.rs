@@ -1,8 +1,8 @@
 //! The sensor's noise by brightness, measured at places without moving water.
 //!
-//! The variance of a sensor's noise grows with the light: σ² = a + b s (EMVA 1288). Differences of two pictures
-//! have twice that. At places where the light changed between the two pictures the differences are far beyond it
-//! and do not count.
+//! The variance of a sensor's noise grows with the light: σ² = a + b s (EMVA 1288). Differences of two pictures have
+//! twice this variance. Places at which the light changed between the two pictures have far larger differences and do
+//! not count.
 
 /// Larger differences are not noise of a mean of many pixels, levels.
 const MAX_LEVELS: f64 = 3.0;
@@ -11,7 +11,7 @@ const CLASS_LEVELS: f64 = 16.0;
 const CLASSES: usize = 16;
 const MIN_COUNT: f64 = 100.0;
 
-/// The least variance: rounding leaves 1/12 in each of 4 × 4 pixels and three channels.
+/// The smallest variance: rounding leaves 1/12 in each of 4 × 4 pixels and three channels.
 const MIN_VARIANCE: f64 = 1.0 / 12.0 / 48.0;
 
 /// The statistics of the differences so far: for each class the number, and the sums of the squares and of the
@@ -22,7 +22,7 @@ pub struct SensorNoise {
 }
 
 impl SensorNoise {
-    /// Adds a place in two pictures, in one light.
+    /// Adds the brightness of a place in two pictures, both in the same light.
     pub fn add(&mut self, before: f64, now: f64) {
         let difference = now - before;
         if difference.abs() < MAX_LEVELS {
@@ -34,7 +34,7 @@ impl SensorNoise {
         }
     }
 
-    /// Returns the variance of the noise at a brightness, levels²; `None` if too little was seen.
+    /// Returns the variance of the noise at a brightness, levels²; `None` if there are too few differences.
     pub fn variance(&self, levels: f64) -> Option<f64> {
         let known: Vec<(f64, f64, f64)> = (self.classes.iter())
             .filter(|[count, ..]| *count >= MIN_COUNT)
@@ -52,9 +52,9 @@ impl SensorNoise {
         // numbers.
         let slope = if spread > 1.0 { (shared / spread).max(0.0) } else { 0.0 };
         let at = |levels: f64| (variance + slope * (levels - level)).max(MIN_VARIANCE);
-        // Outside of the observed range the slope is not sure. With a and b ≥ 0 the variance is at least in
-        // proportion to s below that range, and at most above it. The larger value counts, so that noise never
-        // counts as water.
+        // Outside of the observed range the slope is not certain. With a and b ≥ 0 the variance is at least
+        // proportional to s below that range, and at most proportional above it. The larger value is used, so that
+        // noise never counts as water.
         let nearest =
             known.iter().map(|it| it.1).min_by(|a, b| (a - levels).abs().total_cmp(&(b - levels).abs()))?;
         let seen = known.iter().fold([f64::INFINITY, 0.0], |[low, high], it| [it.1.min(low), it.1.max(high)]);

@@ -1,13 +1,13 @@
 //! Detects whether water moves on a place that has no dry look of its own.
 //!
-//! A film is never quite still: it runs off, waves travel on it, it thins out. Let s be the look of a place and w
-//! its wet look. Let x₁, x₂, … be the means of s/w over a square of 4 × 4 px and spans of a second with n₁, n₂, …
-//! pictures. Let σ be the sensor's noise in such a square, measured beside the panel, where no water moves
-//! ([`super::sensor`]). Then
+//! A film is never quite still: it runs off, carries waves and thins out. Let s be the look of a place and w its wet
+//! look. Let x₁, x₂, … be the means of s/w over a square of 4 × 4 px and spans of a second with n₁, n₂, … pictures.
+//! Let σ be the sensor's noise in such a square, measured beside the panel, where no water moves ([`super::sensor`]).
+//! Then
 //!     z = (x₁ − 2 x₂ + x₃) / ((σ/w) √(1/n₁ + 4/n₂ + 1/n₃)).                                                     (1)
-//! Over places that are still, z has the variance 1. The part that neighbours have in common belongs to the light,
-//! and second differences leave out a place that dries steadily. A shadow or a glint that passes a still place
-//! shows in a few of them, and a film in most.
+//! Over places that are still, z has the variance 1. The part that neighbours have in common comes from the light, and
+//! second differences cancel the change of a place that dries steadily. A shadow or a glint that passes a still place
+//! affects a few second differences, a film affects most.
 
 use super::kernel::{BLOCK_PX, Block, INSIDE, LOOK, NO_DRY, OVEREXPOSED};
 use super::lamp::Lamp;
@@ -20,7 +20,7 @@ const SITE_SIDE_PX: usize = Lamp::SIDE_PX;
 /// second minus the rounding of clocks. With less than one picture a second, each picture is a span.
 const SPANS: usize = 24;
 const SPAN_S: f64 = 0.99;
-/// This share of a site's pixels and pictures must be seen in a span.
+/// At least this fraction of a site's pixels and pictures must be seen in a span.
 const WHOLE: f32 = 0.9;
 /// The number of second differences of the spans.
 pub const DIFFERENCES: usize = SPANS - 2;
@@ -95,7 +95,7 @@ impl Shimmer {
         let Some(pictures) = self.pictures.get(self.span).copied() else { return };
         for (sums, means) in self.sums.iter_mut().zip(&mut self.means) {
             let [sum, count] = *sums;
-            // With fewer pixels the noise of the mean would be larger than assumed.
+            // With fewer values the noise of the mean would be larger than assumed.
             if count > 0.0 && count >= WHOLE * (SITE_SIDE_PX * SITE_SIDE_PX) as f32 * pictures as f32 {
                 means[self.span] = sum / count;
             }
@@ -132,8 +132,8 @@ impl Shimmer {
             .flat_map(move |row| columns.clone().map(move |column| row * self.columns() + column))
     }
 
-    /// z of a site for each second difference, with this σ/w of a site in one picture; not a number if too little
-    /// was seen.
+    /// Returns z of a site for each second difference; `noise` is σ/w of a site in one picture. NaN if too little was
+    /// seen.
     pub fn at(&self, site: usize, noise: f64) -> [f32; DIFFERENCES] {
         let x = &self.means[site];
         std::array::from_fn(|k| {
@@ -143,7 +143,7 @@ impl Shimmer {
     }
 }
 
-/// Adds the part of a block's row that lies in each site.
+/// Adds each pixel of a block's row to the sums of its site.
 fn add_row(look: &Block, wet: &Block, state: &Block, sums: &mut [[f32; 2]]) {
     let mut shares = [[0.0_f32; 2]; BLOCK_PX];
     for i in 0..BLOCK_PX {

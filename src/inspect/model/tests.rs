@@ -180,9 +180,9 @@ fn what_is_hidden_is_not_seen() {
 }
 
 /// A red primer of (100, 35, 35), which the film changes to (58, 13, 13); by hand, 57 and 28 in the mean of the
-/// channels. A place that mirrors 25 levels of white has (83, 38, 38) and a mean of 53: nearly as bright as dry,
-/// but of another colour. It does not break and was not seen, while a place that is dry again breaks, also under a
-/// lamp of 0.9.
+/// channels. A place that mirrors 25 levels of white has (83, 38, 38) and a mean of 53: nearly as bright as dry, but
+/// of another colour. Such a place does not break and was not seen, while a place that is dry again breaks, also under
+/// a lamp of 0.9.
 #[test]
 fn a_white_reflection_on_a_coloured_panel_is_no_break() {
     let broke = |place: [u8; 3], lamp: f64| {

@@ -1,7 +1,7 @@
-//! The channel, or the mean of channels, in which a tile of the region is looked at.
+//! The channel, or the mean of the channels, in which each tile of the region is evaluated.
 //!
 //! If water darkens or mirrors one channel more than the others, that channel distinguishes film from a bare place
-//! best, against its noise. The first wet picture decides for each tile; a tile without a dry look of its own uses
+//! best, relative to its noise. The first wet picture decides for each tile; a tile without a dry look of its own uses
 //! the mean.
 
 use super::kernel::{BLOCK_PX, LEVEL};
@@ -9,7 +9,8 @@ use super::light::TILE_PX;
 
 /// A larger difference gives no more information, levels.
 const MAX_LEVELS: f64 = 40.0;
-/// A single channel must be better than the mean by this factor: each tile decides from a few hundred noisy pixels.
+/// A single channel is chosen only if it is better than the mean by this factor, because each tile decides from a few
+/// hundred noisy pixels.
 const BETTER: f64 = 1.1;
 
 /// The weights of the channels in each view that may be chosen, and the ratio of its noise to the noise of one
@@ -34,7 +35,7 @@ impl Views {
         Views { weights, columns, chosen: vec![0; tiles] }
     }
 
-    /// Chooses the view of each tile by the change from dry to wet in some of the region's pixels. `changes`
+    /// Chooses the view of each tile from the change from dry to wet in some of the region's pixels. `changes`
     /// contains each pixel's block and its change in each channel.
     pub fn choose(&mut self, changes: impl Iterator<Item = (usize, [f64; 3])>) {
         let mut said = vec![vec![0.0_f64; self.weights.len()]; self.chosen.len()];
@@ -67,14 +68,14 @@ impl Views {
         if squares > 0.99 { of_channel } else { of_mean * 3.0 * squares }
     }
 
-    /// Returns the weights of a view in light that is brighter by these gains; with them, the look is the same as
-    /// in the dry picture's light.
+    /// Returns the weights of a view in light that is brighter by these gains; with these weights, the look is the
+    /// same as in the dry picture's light.
     pub fn weights(&self, view: usize, gains: [f64; 3]) -> [u16; 3] {
         std::array::from_fn(|i| (self.weights[view].0[i] / gains[i] * f64::from(LEVEL)).round() as u16)
     }
 }
 
-/// Columns of tiles, and of blocks, across this many pixels.
+/// Returns the number of columns of tiles, and of blocks, in this many pixels.
 pub fn columns(width: usize) -> usize {
     width.div_ceil(BLOCK_PX)
 }

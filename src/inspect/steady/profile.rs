@@ -10,7 +10,7 @@ pub(super) const REACH_PX: i32 = 8;
 const COUNT: usize = 2 * REACH_PX as usize + 1;
 /// The minimum contrast with which a profile carries information, levels.
 pub(super) const MIN_CONTRAST: f32 = 12.0;
-/// The part of a profile's gradient below this share of its largest step is noise.
+/// The part of a profile's gradient below this fraction of its largest step is noise.
 const NOISE_SHARE: f32 = 0.25;
 
 /// The views of a pixel: the mean of its channels, and each of the channels.
@@ -29,7 +29,7 @@ pub(super) struct EdgeLocation {
 pub(super) struct Edge {
     /// Distance of the edge from the profile's middle along the normal, px.
     pub(super) offset_px: f32,
-    /// The largest step as a share of the edge's contrast.
+    /// The largest step as a fraction of the edge's contrast.
     pub(super) sharpness: f32,
     pub(super) contrast: f32,
 }

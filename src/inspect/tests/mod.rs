@@ -78,7 +78,7 @@ fn moved([x_mm, y_mm, z_mm]: [f64; 3]) -> Rigid<Camera, Panel> {
     Rigid::claim(Translation3::new(x_mm, y_mm, z_mm).into())
 }
 
-/// A median of 3 × 3 px, so that a block loses only its corners.
+/// The thesis's method with a median of 3 × 3 px, so that a block loses only its corners.
 const SHARP: &str = "method = \"thesis\"\nmedian_px = 3\nmedian_passes = 1\npersist_frames = 2";
 
 /// The default method.
@@ -114,7 +114,8 @@ fn picture(blocks: &[[usize; 4]]) -> ColorPicture {
     picture
 }
 
-/// The same picture with the noise of one exposure, of one level: the pictures of a frozen camera have none.
+/// Returns the picture with the noise of one exposure, of one level: pictures of a frozen camera do not have this
+/// noise.
 fn exposed(mut picture: ColorPicture, exposure: usize) -> ColorPicture {
     for (index, pixel) in picture.rgb.iter_mut().enumerate() {
         *pixel = pixel.map(|gray| gray + ((index * 7 + exposure * 13 + index / 160 * exposure) % 2) as u8);

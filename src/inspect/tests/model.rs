@@ -31,7 +31,7 @@ fn a_film_that_closes_again_has_broken() {
     assert_eq!((inspection.judgement.verdict, found.first_seen_s, found.closed_share), (Verdict::Fail, 1.0, 1.0));
 }
 
-/// A fifth more or less light everywhere is compensated as light; half of it, or half more, cannot be compensated.
+/// A fifth more or less light everywhere is compensated; a change by half, up or down, cannot be compensated.
 #[test]
 fn light_is_made_up_for_within_its_limit() {
     let lit = |share: f64| {
@@ -52,7 +52,7 @@ fn light_is_made_up_for_within_its_limit() {
         assert!(inspection.mask().count().abs_diff(300) <= 8, "{share}: rounding at the corners");
     }
     assert_eq!(codes(&lit(0.5))[0], "light");
-    // With this much more light, the film looks as one that broke everywhere.
+    // With this much more light, an unbroken film looks like one that broke everywhere.
     assert_ne!(lit(1.5).judgement.verdict, Verdict::Pass);
 }
 
@@ -216,7 +216,7 @@ fn shone([left, top, right, bottom]: [usize; 4], pictures: usize, blocks: &[[usi
     watch.finish().expect("wet pictures")
 }
 
-/// A shadow removes a fifth of the light when the film is first whole: a whole film passes, and a break is found.
+/// A shadow removes a fifth of the light in the first fully wet picture: a whole film passes, and a break is found.
 #[test]
 fn a_shadow_on_the_first_wet_picture_is_no_film() {
     let shaded = |blocks: &[[usize; 4]]| {

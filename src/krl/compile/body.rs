@@ -7,7 +7,7 @@ use super::compiler::{Compiler, cells_u32};
 
 impl Compiler<'_> {
     pub(super) fn block(&mut self, statements: &[Statement]) {
-        // The code behind the block belongs to the outer statement again.
+        // The code after the block belongs to the outer statement again.
         let around = self.statement;
         for statement in statements {
             self.statement(statement);

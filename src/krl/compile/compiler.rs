@@ -26,7 +26,7 @@ pub(super) enum Home {
         variable: u16,
         number: i32,
     },
-    /// No location, because only the variable's type is known: a statement that names it is not executed.
+    /// Not in memory, because only the variable's type is known: a statement that names the variable is not executed.
     Nowhere,
 }
 
@@ -95,7 +95,7 @@ pub(super) struct Compiler<'a> {
     pub(super) file: usize,
     pub(super) line: usize,
     pub(super) routine: Option<usize>,
-    /// The statement that is being compiled, with the number that the execution uses.
+    /// The statement that is being compiled, by its number in the program.
     pub(super) statement: u32,
     pub(super) locals: BTreeMap<String, Variable>,
     pub(super) frame_cells: usize,
@@ -266,7 +266,7 @@ fn push(list: &mut Vec<Problem>, problem: Problem) {
     }
 }
 
-/// Converts a number to 32 bits. Programs of a cell are small, so that a larger index cannot occur.
+/// Converts a number to 32 bits. A cell's programs are so small that a larger index cannot occur.
 pub(super) fn cells_u32(count: usize) -> u32 {
     u32::try_from(count).unwrap_or(u32::MAX)
 }

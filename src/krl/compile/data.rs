@@ -12,7 +12,7 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Part of a shared variable that receives a first value.
 #[derive(Clone)]
 struct Part {
-    /// The first cell of the part; `None` if no memory is allocated for it.
+    /// The first cell of the part; `None` if no memory is allocated for the part.
     at: Option<usize>,
     kind: Type,
     dimensions: Vec<usize>,
@@ -32,8 +32,8 @@ impl Compiler<'_> {
         }
     }
 
-    /// Returns whether the controller may know a size: through a constant in a file that was not given to this
-    /// check.
+    /// Returns whether a size that is unknown here may be known to the controller, from a constant in a file that is
+    /// not part of this check.
     fn may_be_constant(&self, size: &Expression) -> bool {
         match size {
             Expression::Variable(place) => self.shared_variable(&place.name).is_none_or(|known| known.constant),
@@ -339,7 +339,7 @@ impl Compiler<'_> {
                 if length > cells && !dimensions.contains(&0) {
                     self.warn(name, format!("the text has {length} characters, the variable {cells}"));
                 }
-                // The execution uses one byte for each character.
+                // At run time a character is one byte.
                 let bytes = text.chars().map(|character| u8::try_from(u32::from(character)).unwrap_or(b'?'));
                 for (place, byte) in bytes.take(cells).enumerate() {
                     self.set(at.map(|at| at + place), Cell::Char(byte));

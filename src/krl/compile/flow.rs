@@ -1,8 +1,8 @@
-//! Finds what a routine may read before it was assigned, and whether a function can end without RETURN. Both are
-//! warnings: it is not known here what an IF prevents.
+//! Finds local variables that a routine may read before they are assigned, and functions that can end without RETURN.
+//! Both are warnings, because it is not known here which paths the conditions exclude.
 //!
-//! A variable counts as assigned if every path to the place has assigned it or a part of it. If a routine gets a
-//! variable as an argument, it counts as assigned by that routine; EthernetKRL's readers need a variable that
+//! A variable counts as assigned if every path to that point assigns it completely or in part. A variable that is
+//! passed by reference to a routine counts as assigned by that routine; EthernetKRL's readers need a variable that
 //! already holds a value. A routine with labels is not checked: a GOTO may come from anywhere.
 
 use super::super::routines::{Wants, known};
@@ -43,7 +43,7 @@ struct Flow<'a, 'b> {
     compiler: &'a mut Compiler<'b>,
     locals: BTreeMap<&'a str, usize>,
     reported: Set,
-    /// The assigned variables at the places where an EXIT leaves a loop.
+    /// For each loop, the variables that are assigned at each EXIT.
     exits: Vec<Vec<Set>>,
 }
 
@@ -188,7 +188,7 @@ impl Flow<'_, '_> {
         }
     }
 
-    /// Evaluates a loop. `may_skip` is true if the body may be skipped and the loop ends by itself.
+    /// Evaluates a loop. `may_skip` is true if the loop can also end without EXIT, so that its body may be skipped.
     fn looped(&mut self, body: &[Statement], now: Set, may_skip: bool) -> Assigned {
         self.exits.push(Vec::new());
         self.block(body, Some(now.clone()));

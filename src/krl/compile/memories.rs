@@ -1,8 +1,7 @@
-//! Warns if a memory of EthernetKRL is read directly after it was cleared: EKI_Get does not wait, and finds the
+//! Warns if a memory of EthernetKRL is read directly after it was cleared: EKI_Get does not wait, and would find the
 //! memory empty.
 //!
-//! The check examines one block, statement by statement. It ends at any statement that may wait, or that is not
-//! known.
+//! The check examines one block, statement by statement. It ends at any statement that may wait, or that is not known.
 
 use super::super::routines::Builtin::{EkiCheckBuffer, EkiClear, EkiClearBuffer, EkiClose};
 use super::super::routines::{Builtin, known};
@@ -25,7 +24,7 @@ impl Compiler<'_> {
                 Action::Assign { value: Expression::Call(call), .. } | Action::Call(call) => {
                     self.look_at(call, statement.line, &mut cleared);
                 }
-                // A plain assignment takes no time.
+                // A plain assignment takes almost no time.
                 Action::Assign { value, .. } if !calls(value) => {}
                 action => {
                     cleared.clear();
@@ -68,7 +67,8 @@ impl Compiler<'_> {
     }
 }
 
-/// EKI_CheckBuffer reports whether something has arrived; routines that open or send need time.
+/// Returns whether a memory is still empty after this routine: not after EKI_CheckBuffer, which reports whether
+/// something has arrived, and not after routines that open or send, which need time.
 fn takes_no_time(builtin: Builtin) -> bool {
     use Builtin::{
         Bas, Cwrite, EkiCheck, EkiClear, EkiClearBuffer, EkiInit, EkiLock, EkiOpen, EkiSend, EkiUnlock, IrStopm,
@@ -90,7 +90,7 @@ fn takes_no_time(builtin: Builtin) -> bool {
     )
 }
 
-/// Returns whether a tag is the cleared one, or a part of it.
+/// Returns whether a tag is the cleared tag, or a part of the cleared tag.
 fn is_within(tag: &str, cleared: Option<&str>) -> bool {
     cleared.is_none_or(|cleared| {
         tag.strip_prefix(cleared).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))

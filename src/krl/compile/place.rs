@@ -8,7 +8,7 @@ use super::super::types::{Component, Type};
 use super::compiler::{Compiler, Home, Variable, cells_u32};
 use super::data::nowhere;
 
-/// A variable or part of one; the steps have put its address on the stack.
+/// A variable or a part of one, whose address the steps have put on the stack.
 pub(super) struct Found {
     pub(super) kind: Type,
     /// The sizes if the value is a whole array; empty for a single value.
@@ -36,8 +36,8 @@ impl Compiler<'_> {
         None
     }
 
-    /// Checks that a variable is writable. A constant is never written. It is not known whether a controller
-    /// refuses a program that writes a read-only variable.
+    /// Checks that a variable is writable. Writing a constant is an error; for other read-only variables it is not
+    /// known whether a controller refuses the program.
     pub(super) fn check_writable(&mut self, name: &str, found: &Found, message: &str) {
         if found.writable {
             return;
@@ -91,8 +91,8 @@ impl Compiler<'_> {
         }
     }
 
-    /// Puts the address of a variable or of a part of it on the stack; `None` if the variable is not known, and
-    /// then the statement is not executed.
+    /// Puts the address of a variable, or of one of its parts, on the stack; `None` if the variable is not known; in
+    /// that case the statement is not executed.
     pub(super) fn address(&mut self, place: &VariableRef) -> Option<Found> {
         let Some(variable) = self.variable(&place.name) else {
             self.not_executed(&place.name);

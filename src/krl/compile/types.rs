@@ -76,8 +76,8 @@ impl<'a> Compiler<'a> {
         }
     }
 
-    /// Declares each structure after the structures to which it refers. The structures that remain refer to
-    /// themselves in a circle.
+    /// Declares each structure after the structures to which it refers. The structures that remain refer to each other
+    /// in a circle.
     fn declare_strucs(&mut self, waiting: &[Waiting<'_>]) {
         let mut by_name: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
         for (place, struc) in waiting.iter().enumerate() {
@@ -154,8 +154,8 @@ impl<'a> Compiler<'a> {
     }
 }
 
-/// Returns whether a data list is visible everywhere. The controller's own data lists, `$config.dat` and others,
-/// are visible in every program, with or without PUBLIC and GLOBAL.
+/// Returns whether a data list is visible everywhere. The controller's own data lists, `$config.dat` and others, are
+/// visible in every program, even without PUBLIC and GLOBAL.
 pub(super) fn is_seen_everywhere(data: &Data) -> bool {
     data.name.starts_with('$')
 }

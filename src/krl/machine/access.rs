@@ -1,5 +1,5 @@
-//! The memory that a step reads and writes: cells of the data lists, of a frame, and of the system. An access to
-//! the system may have to wait for the arm.
+//! The memory that a step reads and writes: cells of the data lists, of a frame, and of the system. An access to a
+//! system variable may have to wait for the arm.
 
 use super::super::code::{Address, Cell, Space};
 use super::super::program::Program;

@@ -23,7 +23,8 @@ impl Interpreter {
             None | Some((Together::Nothing, _)) => return Ok(false),
             Some((together, waits)) => (together, *waits),
         };
-        // The robot program may have to wait for the arm in the middle of these steps.
+        // The steps must be executed one by one if the robot program may have to wait for the arm in the middle of
+        // them.
         let may_not = self.condition_base.is_none() || matches!(together, Together::Assign { .. });
         if waits && self.moves && may_not {
             return Ok(false);
@@ -83,7 +84,7 @@ impl Interpreter {
         Ok(address)
     }
 
-    /// Evaluates a value within another one: most are constants and variables.
+    /// Evaluates an operand of another value: most operands are constants and variables.
     #[inline(always)]
     fn part(
         &self,
@@ -99,7 +100,7 @@ impl Interpreter {
             Value::Local(at) => self.cells[base + at as usize],
             _ => Cell::Unset,
         };
-        // A value that was never assigned is reported there, too.
+        // A value that was never assigned is also evaluated by `value`, which reports it.
         if cell == Cell::Unset { self.value(value, base, program, memory, host) } else { Ok(cell) }
     }
 

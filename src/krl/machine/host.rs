@@ -66,7 +66,7 @@ pub trait Host {
     /// Plans a motion and returns its number among all motions; its end is reported with this number.
     ///
     /// # Errors
-    /// If the controller gives it up.
+    /// If the controller cannot plan the motion.
     fn plan(&mut self, request: &MotionRequest, caller: &Caller<'_>) -> Result<u64, String>;
 
     /// Executes all planned motions to their end, because a statement waits for the arm.
@@ -97,7 +97,7 @@ pub trait Host {
     fn is_initialized(&mut self, name: &str) -> bool;
 }
 
-/// The caller of a motion: the interpreter's frames, for logs that state which command it was.
+/// The interpreter's frames when it requests a motion, for logs that state which command it belongs to.
 pub struct Caller<'a> {
     pub(super) program: &'a Program,
     pub(super) interpreter: &'a Interpreter,
@@ -105,7 +105,7 @@ pub struct Caller<'a> {
 }
 
 impl Caller<'_> {
-    /// This many cells of the innermost local variable of this name.
+    /// Returns this many cells of the innermost local variable of this name.
     pub fn local(&self, name: &str, cells: usize) -> Option<Vec<Cell>> {
         self.interpreter.local(self.program, self.memory, name, cells)
     }

@@ -40,7 +40,7 @@ pub(super) struct Interrupt {
     pub(super) pending: bool,
 }
 
-/// A trigger of a motion.
+/// A trigger that belongs to a motion.
 #[derive(Debug, Clone)]
 pub(super) struct Trigger {
     /// The number of the trigger's motion, as soon as this motion is planned.
@@ -64,20 +64,20 @@ pub struct Interpreter {
     /// Triggers of the next motion and of the planned motions.
     pub(super) armed: Vec<Trigger>,
     pub(super) waits_until_ms: Option<u64>,
-    /// BRAKE was requested in this interrupt; true if the planned motions are lost.
+    /// Present if BRAKE was requested in this interrupt; true if the planned motions are lost.
     pub(super) braked: Option<bool>,
     /// Whether the motion of this statement is planned.
     pub(super) planned: bool,
     /// The statement to which CONTINUE applies.
     pub(super) keeps_going: Option<usize>,
-    /// ON_ERROR_PROCEED: the fault of the next statement is ignored.
+    /// The effect of ON_ERROR_PROCEED: the error of the next statement is ignored.
     pub(super) proceeds: u8,
     /// The saved `planned`, `keeps_going` and `statement` of each statement that an interrupt broke into.
     pub(super) saved: Vec<(bool, Option<usize>, usize)>,
     pub(super) statement: usize,
     pub(super) statement_height: usize,
     /// Present while an interrupt's condition is evaluated: the first cell of the routine that declared it, and the
-    /// number of frames outside of the functions that the condition calls.
+    /// number of frames before the condition calls functions.
     pub(super) condition_base: Option<(usize, usize)>,
 }
 
@@ -105,7 +105,7 @@ impl Interpreter {
         }
     }
 
-    /// Forgets everything and begins at this routine, which has no arguments.
+    /// Resets the interpreter and begins at this routine, which has no arguments.
     pub fn begin(&mut self, program: &Program, routine: u32) {
         self.clear();
         self.enter(program, routine, usize::MAX, 0);

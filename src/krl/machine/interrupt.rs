@@ -1,7 +1,8 @@
-//! Interrupts and triggers: declared at a level, detected at an edge, executed by priority; RESUME.
+//! Interrupts, which are declared at a call level, detected at the edge of their condition and executed by priority;
+//! triggers; and RESUME.
 //!
-//! An interrupt with a smaller priority number interrupts one with a larger number. A trigger has the lowest
-//! priority of all.
+//! An interrupt with a smaller priority number interrupts one with a larger number. A trigger has the lowest priority
+//! of all.
 
 use super::super::code::Op;
 use super::super::program::Program;
@@ -10,7 +11,7 @@ use super::interpreter::{BrokeIn, Frame, Interpreter, Interrupt};
 use super::memory::Memory;
 use super::outcome::{Flow, Wrong};
 
-/// Priority of a trigger with PRIO=-1: the controller uses one of those that programs may not use.
+/// Priority of a trigger with PRIO=-1: the controller uses a priority that programs may not use.
 const TRIGGER_PRIORITY: i32 = 80;
 /// The number of interrupts that may be declared at once.
 pub const INTERRUPT_DEPTH: usize = 32;
@@ -122,7 +123,7 @@ impl Interpreter {
         }
     }
 
-    /// Evaluates all conditions: an edge is kept until its program may run.
+    /// Evaluates all conditions: a detected edge stays pending until its interrupt program may run.
     ///
     /// # Errors
     /// If a condition cannot be evaluated.
@@ -139,7 +140,7 @@ impl Interpreter {
         Ok(())
     }
 
-    /// Breaks into the program if an interrupt waits that may do so. Returns true if it does.
+    /// Interrupts the program if an interrupt with a higher priority is pending. Returns true if there is one.
     pub fn break_in(&mut self) -> bool {
         let current = self.priority();
         let found = self.interrupts.iter().position(|it| it.on && it.pending && it.number < current);
@@ -218,7 +219,7 @@ impl Interpreter {
         }
     }
 
-    /// Leaves everything above the level that declared the interrupt, and continues there.
+    /// Leaves all frames above the level that declared the interrupt, and continues at that level.
     pub(super) fn resume(&mut self, host: &mut dyn Host) -> Result<Flow, Wrong> {
         let innermost = self.frames.iter().rposition(|frame| frame.broke_in.is_some());
         let innermost = innermost.ok_or("RESUME is valid only in an interrupt program")?;

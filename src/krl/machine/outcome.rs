@@ -1,4 +1,4 @@
-//! The results of a step or a statement.
+//! The result of executing a statement or a step.
 
 /// The way in which a step ended.
 #[derive(Debug, Clone, PartialEq)]
@@ -9,7 +9,7 @@ pub enum Pause {
     Waits,
     /// The program has reached its end.
     Ended,
-    /// It cannot continue: file, line and reason.
+    /// The interpreter cannot continue: file, line and reason.
     Fault(String),
 }
 
@@ -21,7 +21,7 @@ pub(super) enum Flow {
     Ended,
 }
 
-/// The error of a step: a message, behind a pointer so that the result of a successful step stays small.
+/// The error of a step: a message, boxed so that the result of a successful step stays small.
 #[derive(Debug)]
 #[allow(clippy::box_collection, reason = "a result is twice as large with the text itself")]
 pub(super) struct Wrong(Box<String>);

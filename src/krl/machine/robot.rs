@@ -45,7 +45,7 @@ impl Interpreter {
                     let request = MotionRequest { motion, axes, target, approximates };
                     let planned = host.plan(&request, &Caller { program, interpreter: self, memory });
                     if planned.is_err() {
-                        // After a restart the program tries this motion again.
+                        // After a restart the program tries this motion again, so its target is put back on the stack.
                         self.stack.extend(target.map(Cell::Real));
                     }
                     let sequence = planned?;

@@ -17,8 +17,8 @@ const SIDE_SAMPLES: usize = 5;
 const MIN_CONTRAST: f64 = 20.0;
 /// Smallest number of sharp edge points per pixel of length; with fewer, the edge is too short or too broken.
 const MIN_SHARE: f64 = 0.5;
-/// Points farther from the line than this number of median distances are left out, but no point within a third of a
-/// pixel.
+/// Points farther from the line than this multiple of the median distance are left out, but points within a third of a
+/// pixel are always used.
 const MEDIANS: f64 = 4.0;
 const FLOOR_PX: f64 = 0.33;
 const LINE_ROUNDS: usize = 6;

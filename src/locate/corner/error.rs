@@ -20,9 +20,9 @@ pub enum CornerError {
          panel in view, is panel_gray_max right?", apart(*found_percent, *needed_percent, 1)[0], apart(*found_percent, *needed_percent, 1)[1]
     )]
     ContourTooSmall {
-        /// The object's share of the picture, percent.
+        /// The fraction of the picture that the object covers, percent.
         found_percent: f64,
-        /// The share needed, percent.
+        /// The required fraction, percent.
         needed_percent: f64,
     },
     /// The corner lies at the border of the picture or beyond.

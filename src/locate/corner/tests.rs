@@ -36,8 +36,8 @@ fn a_rounded_turned_corner_is_found_to_a_tenth_of_a_pixel() {
         let found =
             find(&picture(corner, turn_deg, 22.0), &settings(SHORT), CornerName::TopLeft, 5.0).expect("a corner");
         assert!(found.corner_px.distance_px(corner) < 0.1, "{turn_deg}°: {:?}", found.corner_px);
-        // The thesis's mark lies on the rounding, (√2 − 1)·22 = 9.1 px from the corner. In a turned picture the
-        // mark lies beside that point.
+        // The thesis's corner point lies on the rounding, (√2 − 1)·22 = 9.1 px from the corner. In a turned picture
+        // the corner point lies beside the middle of the rounding.
         let mark_px = found.nearest_px.distance_px(corner);
         assert!((8.0..28.0).contains(&mark_px), "{turn_deg}°: {:?}", found.nearest_px);
         assert!(found.edges.iter().all(|edge| edge.rms_px < 0.2 && edge.points > 50), "{:?}", found.edges);

@@ -1,7 +1,7 @@
 //! Checks whether the 3D camera has moved since teaching, and whether this scan could show it.
 //!
-//! The fixture shows the motion with an error. The measured motion minus this error is the least distance by which
-//! the camera motion displaced the panel. A fixture that shows too little cannot detect a camera motion.
+//! The fixture shows the motion with an error. The measured motion minus this error is the smallest distance by which
+//! the camera's motion displaced the panel. A fixture that shows too little cannot detect a camera motion.
 
 use super::super::evidence::Fit;
 use crate::number_text::{apart, fixed, percent_apart};
@@ -12,7 +12,7 @@ use crate::verdict::{Check, SetBy, Severity};
 pub const MAX_CAMERA_MOVED_MM: f64 = 0.25;
 /// A fixture that shows camera motion must detect a motion that displaces the panel by this distance, mm.
 pub const MAX_CAMERA_NOTICED_MM: f64 = 0.55;
-/// Share of the fixture that must lie as it lay: objects come and go, the fixture stays.
+/// Minimum fraction of the fixture that must lie at its taught place: objects come and go, the fixture stays.
 pub const MIN_FIXTURE_SAME: f64 = 0.4;
 /// Returns the smallest camera motion that is noticed, mm, if the fixture determines the camera's pose with this
 /// uncertainty, 95 %, mm.
@@ -20,8 +20,8 @@ pub fn noticed_mm(uncertainty_mm: f64) -> f64 {
     MAX_CAMERA_MOVED_MM + uncertainty_mm
 }
 
-/// Returns whether a fixture that gives a camera's pose with this uncertainty, mm, can detect its motion; `None` if
-/// the fixture carries no information.
+/// Returns whether a fixture that gives the camera's pose with this uncertainty, mm, can detect a motion of the
+/// camera; `None` means that the fixture carries no information.
 pub fn is_watched(uncertainty_mm: Option<f64>) -> bool {
     uncertainty_mm.is_some_and(|mm| noticed_mm(mm) <= MAX_CAMERA_NOTICED_MM)
 }
@@ -65,10 +65,10 @@ pub(super) fn camera(fit: &Fit) -> Vec<Check> {
 pub(super) fn watch(fit: &Fit) -> Vec<Check> {
     let uncertainty_mm = fit.camera.map(|camera| camera.uncertainty_mm);
     let noticed = Check::new("a camera is noticed that moves it by", "mm", uncertainty_mm.map(noticed_mm));
-    // The limit applies if a fixture shows camera motion, here or at teaching.
+    // The limit applies if the fixture can detect a motion of the camera, now or at teaching.
     let is_shown = is_watched(uncertainty_mm) || is_watched(fit.camera_at_teaching_mm);
     let noticed = if is_shown { noticed.at_most(MAX_CAMERA_NOTICED_MM, SetBy::Program) } else { noticed };
-    // If the fixture at teaching also shows too little, teaching has already given a warning.
+    // If the fixture at teaching also shows too little, a warning was already given at teaching.
     let is_unwatched = !is_watched(uncertainty_mm) && is_watched(fit.camera_at_teaching_mm);
     vec![noticed.broken(is_unwatched, Severity::Review, "camera_unwatched", || {
         let seen = uncertainty_mm.map_or("too little of the fixture is seen".to_owned(), |mm| {

@@ -1,7 +1,7 @@
-//! Checks whether the panel's pose is known well enough, is the only one, and is allowed.
+//! Checks whether the panel's pose is known well enough, unique and allowed.
 //!
-//! The cause of a pose's uncertainty decides what helps: more of the panel in view, a place nearer to the taught
-//! one, or a 3D camera with a measured scale.
+//! The cause of a pose's uncertainty decides what helps: more of the panel in view, a place nearer to the taught one,
+//! or a 3D camera with a measured scale.
 
 use super::super::CompetingPose;
 use super::super::evidence::Fit;

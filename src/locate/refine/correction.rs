@@ -9,11 +9,11 @@ pub struct CornerReport {
     pub corner: usize,
     /// The expected position of the corner.
     pub expected_px: Pixel,
-    /// Found minus expected position, px.
+    /// Distance between the found and the expected position, px.
     pub error_px: f64,
     /// The shift that this corner alone indicates, along its camera's X and Y, mm.
     pub shift_mm: [f64; 2],
-    /// The rest of this shift after the common correction, mm.
+    /// The part of this shift that remains after the common correction, mm.
     pub left_mm: f64,
 }
 

@@ -1,6 +1,6 @@
-//! Judges a correction by corners: is it within the recipe's limits, consistent with one rigid panel, and in
-//! agreement with the 3D scan? Every corner is compared with its limit individually and named by its number among
-//! the taught ones. A value that is not a number fails.
+//! Judges a correction by corners: whether it is within the recipe's limits, consistent with one rigid panel, and in
+//! agreement with the 3D scan. Every corner is compared with its limit individually and named by its number among the
+//! taught ones. A NaN violates its limit.
 
 use super::super::gate::exceeds;
 use super::correction::{CornerReport, Refined};
@@ -8,7 +8,7 @@ use crate::number_text::{apart, fixed};
 use crate::recipe;
 use crate::verdict::{Check, Judgement, SetBy, Severity};
 
-/// Largest distance between a corner of a rigid panel and its measured place after the correction, mm.
+/// Largest accepted distance between a corner of a rigid panel and its measured position after the correction, mm.
 pub const MAX_LEFT_MM: f64 = 0.3;
 
 /// Judges a correction by the recipe's limit.
@@ -16,8 +16,8 @@ pub fn judge(refined: &Refined, limits: &recipe::Corner) -> Judgement {
     Judgement::of_checks(&checks(refined, limits))
 }
 
-/// The shift that each corner indicates, and the rest after the correction of all corners; the largest first in
-/// both lists.
+/// Returns two lists of checks: the shift that each corner indicates, and the distance left after the common
+/// correction; the largest first in both lists.
 pub fn checks(refined: &Refined, limits: &recipe::Corner) -> Vec<Check> {
     let allowed_mm = limits.max_correction_mm();
     let asked = by_size(refined, CornerReport::asked_mm).into_iter().flat_map(|(corner, asked_mm)| {
@@ -63,8 +63,8 @@ pub fn judge_stands(seen: &Refined, limits: &recipe::Corner) -> Judgement {
     Judgement::of_checks(&checks_of_stand(seen, limits))
 }
 
-/// The distance of each corner from where the localization puts it, the largest first. A corner that is elsewhere
-/// needs a person's decision: no contact follows, the panel is dried and located again.
+/// Checks the distance of each corner from its position according to the localization, the largest first. A corner
+/// that is elsewhere needs a person's decision: no contact follows, the panel is dried and located again.
 pub fn checks_of_stand(seen: &Refined, limits: &recipe::Corner) -> Vec<Check> {
     let allowed_mm = limits.verify_mm();
     let checks = by_size(seen, CornerReport::asked_mm).into_iter().flat_map(|(corner, off_mm)| {
@@ -91,15 +91,15 @@ pub fn checks_of_stand(seen: &Refined, limits: &recipe::Corner) -> Vec<Check> {
 /// Name of the number that [`disagreement`] judges.
 pub const FARTHEST: &str = "farthest corner, against what scan, corner and calibrations claim";
 
-/// Error of one corner in the plane of its camera, 95 %, mm: edges to a tenth of a pixel, taught and found.
+/// Stated error of one corner in the plane of its camera, 95 %, mm: edges to a tenth of a pixel, taught and found.
 const CORNER_CLAIM_MM: f64 = 0.05;
 
-/// Reports a corner that is farther from where the 3D scan puts it than both claim. This is a finding and is not
-/// averaged; of several corners, the farthest is reported. `claims_mm` contains the other claimed errors, 95 %
-/// each: the localization's and both calibrations'. None if there is no corner.
+/// Reports the corner that is farther from its position by the 3D scan than the stated errors of both allow. This is a
+/// finding and is not averaged; of several corners, the farthest is reported. `claims_mm` contains the other stated
+/// errors, 95 % each: the localization's and both calibrations'. `None` if there is no corner.
 pub fn disagreement(refined: &Refined, claims_mm: &[f64]) -> Option<Check> {
     let claimed_mm = claims_mm.iter().map(|mm| mm * mm).sum::<f64>().sqrt().hypot(CORNER_CLAIM_MM);
-    // Twice the 95 % bound: by chance, one in ten thousand is larger.
+    // Twice the 95 % bound: by chance, one value in ten thousand is larger.
     let allowed_mm = 2.0 * claimed_mm;
     let (corner, asked_mm) = by_size(refined, CornerReport::asked_mm).into_iter().next()?;
     let check = Check::new(FARTHEST, "mm", asked_mm);

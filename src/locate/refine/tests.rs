@@ -138,7 +138,7 @@ fn a_corner_has_the_number_that_it_was_taught_with() {
     assert_eq!(said, codes.map(|code| (code.to_owned(), true)));
 }
 
-/// A value that is not a number violates every limit, for each corner.
+/// A NaN violates every limit, for each corner.
 #[test]
 fn what_is_not_a_number_is_never_accepted() {
     let report = |corner, shift_mm, left_mm| CornerReport {

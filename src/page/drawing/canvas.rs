@@ -1,4 +1,4 @@
-//! The drawing sheet, which more than one page shows: the picture with the shapes on it, and the tools beside it.
+//! The drawing sheet, which several pages use: the picture with the shapes on it, and the tools beside it.
 
 use crate::recipe::{Drawn, Recipe, drawn_into};
 use serde_json::json;
@@ -8,11 +8,11 @@ use std::collections::BTreeMap;
 pub const SCRIPT: &str = include_str!("sheet.js");
 /// Its styles.
 pub const STYLE: &str = include_str!("sheet.css");
-/// The sheet's words, a column for each language.
+/// The sheet's translation table, a column for each language.
 pub const WORDS: &str = include_str!("words.csv");
 const MARKUP: &str = include_str!("sheet.html");
 
-/// Returns the sheet for a page, given the picture's address, the content above the tools, and the word for a key.
+/// Returns the sheet for a page, given the picture's address, the content above the tools, and the text for a key.
 pub fn markup(picture: &str, buttons: &str, word: impl Fn(&str) -> String) -> String {
     let words: BTreeMap<&str, String> = keys().map(|key| (key, word(key))).collect();
     let of_script = escaped(&json!(words).to_string());
@@ -21,12 +21,12 @@ pub fn markup(picture: &str, buttons: &str, word: impl Fn(&str) -> String) -> St
     words.iter().fold(page, |page, (key, word)| page.replace(&format!("{{{key}}}"), &escaped(word)))
 }
 
-/// Lists the keys of the words.
+/// Lists the keys of the translation table.
 fn keys() -> impl Iterator<Item = &'static str> {
     WORDS.lines().skip(1).filter_map(|line| line.split(',').next())
 }
 
-/// Returns the English word for a key, as the page for this computer's browser shows it.
+/// Returns the English text for a key, as the page for this computer's browser shows it.
 pub(super) fn english(key: &str) -> Option<String> {
     let mut reader = csv::Reader::from_reader(WORDS.as_bytes());
     let found = reader.records().filter_map(Result::ok).find(|record| record.get(0) == Some(key));

@@ -1,7 +1,7 @@
-//! The page on which a person draws on the taught scan's picture: the region, its grids, the masked areas, the
-//! panel's outline and the places that hold the panel.
+//! The page on which a person draws on the taught scan's picture: the region, its grids, the masked areas, the panel's
+//! outline and the places that hold the panel.
 //!
-//! The sheet with its tools (`canvas`) is the same on the operator's page. Here: `GET .` the page · `GET
+//! The sheet with its tools (`canvas`) is the same as on the operator's page. Requests: `GET .` the page · `GET
 //! drawing.json` the recipe's shapes · `GET picture.png` · `POST save` the drawn shapes: they are written to the
 //! recipe's file if the recipe's own check accepts them, otherwise the problems are returned · `POST done` ends the
 //! page.
@@ -49,7 +49,7 @@ struct Inside {
 /// Serves the page until the person is done; returns how often the recipe was saved.
 ///
 /// # Errors
-/// If the system refuses.
+/// If the operating system refuses what the server needs.
 pub fn serve(local: Local, sheet: Sheet) -> Result<u32, LocalError> {
     let (session, done) = Session::new();
     let inside = Arc::new(Inside { sheet, session });
@@ -117,7 +117,7 @@ async fn save(State(inside): State<Arc<Inside>>, Json(drawn): Json<Drawn>) -> Re
     }
 }
 
-/// Writes the drawn shapes to the file, if the result is still a valid recipe.
+/// Writes the drawn shapes to the file if the result is still a valid recipe.
 fn put(sheet: &Sheet, drawn: &Drawn) -> Result<(), Vec<String>> {
     let (text, _) = read(sheet)?;
     let name = sheet.recipe.display().to_string();

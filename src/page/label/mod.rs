@@ -1,9 +1,9 @@
 //! The page on which a person marks the breaks in a clip: polygons over its pictures, with times.
 //!
-//! `GET .` the page · `GET clip.json` the clip, the grids, and the data kept until now · `GET picture/N` its
-//! picture N, from 1 · `POST draft` the current drawing, kept unchanged so that a reload loses nothing · `POST
-//! save` the same as labels: they are kept if they are valid, otherwise the problems are returned · `POST done`
-//! ends the page.
+//! `GET .` the page · `GET clip.json` the clip, the grids, and the data stored until now · `GET picture/N` picture N
+//! of the clip, from 1 · `POST draft` the current drawing, stored unchanged so that a reload loses nothing · `POST
+//! save` the same drawing as labels: they are stored if they are valid, otherwise the problems are returned · `POST
+//! done` ends the page.
 
 use super::session::Session;
 use super::{Local, LocalError};
@@ -71,22 +71,22 @@ pub struct Saved {
 
 /// The storage of labels.
 pub trait LabelStorage: Send + Sync {
-    /// Returns the data kept until now.
+    /// Returns the data stored until now.
     ///
     /// # Errors
     /// If a file is not valid, in words.
     fn now(&self) -> Result<Now, String>;
 
-    /// Keeps the current drawing, valid or not.
+    /// Stores the current drawing, valid or not.
     ///
     /// # Errors
-    /// If the disk refuses, in words.
+    /// If the file cannot be written, in words.
     fn draft(&self, said: &Statement) -> Result<(), String>;
 
     /// Saves the statement as labels.
     ///
     /// # Errors
-    /// Everything in the statement that is not possible, or the reason why the disk refuses, in words.
+    /// Everything in the statement that is not possible, or the reason why the files cannot be written, in words.
     fn save(&self, said: &Statement) -> Result<Saved, Vec<String>>;
 }
 
@@ -112,7 +112,7 @@ struct Inside {
 /// Serves the page until the person is done; returns how often labels were saved.
 ///
 /// # Errors
-/// If the system refuses.
+/// If the operating system refuses what the server needs.
 pub fn serve(local: Local, sheet: Sheet) -> Result<u32, LocalError> {
     let (session, done) = Session::new();
     let inside = Arc::new(Inside { sheet, session });
@@ -165,9 +165,9 @@ async fn picture(State(inside): State<Arc<Inside>>, Path(number): Path<String>) 
     }
 }
 
-/// Returns a picture in a format that browsers show, with the pixels as the program reads them. PNG and JPEG are
-/// sent unchanged, TIFF is converted to PNG. A browser turns a picture by its EXIF data, so the drawing would lie
-/// at other pixels: a picture that may have EXIF data is encoded again.
+/// Returns a picture in a format that browsers show, with the pixels as the program reads them. PNG and JPEG are sent
+/// unchanged, TIFF is converted to PNG. A browser rotates a picture by its EXIF data, so that the drawing would lie at
+/// other pixels: a picture that may have EXIF data is encoded again.
 fn shown(bytes: Vec<u8>) -> Result<(&'static str, Vec<u8>), String> {
     let has = |name: &[u8]| bytes.windows(name.len()).any(|part| part == name);
     if bytes.starts_with(b"\x89PNG") && !has(b"eXIf") {

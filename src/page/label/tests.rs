@@ -7,7 +7,7 @@ use std::net::TcpStream;
 use std::sync::Mutex;
 use std::thread::JoinHandle;
 
-/// Keeps labels in memory, and accepts those that a person has signed.
+/// Stores labels in memory, and accepts those with an author's name.
 #[derive(Default)]
 struct Memory(Mutex<(Statement, u32)>);
 
@@ -139,7 +139,7 @@ fn each_picture_comes_as_a_browser_shows_it() {
     assert!(status == 422 && answer.contains("4.png: No such file"), "{status} {answer}");
 }
 
-/// EXIF data that state how the picture must be turned: one entry, the tag 0x0112.
+/// EXIF data that state by which rotation the picture must be shown: one entry, the tag 0x0112.
 fn turned(orientation: u8) -> Vec<u8> {
     let entry = [0x01, 0x12, 0, 3, 0, 0, 0, 1, 0, orientation, 0, 0];
     [&b"MM\0*\0\0\0\x08\0\x01"[..], &entry, &[0; 4]].concat()
@@ -152,8 +152,8 @@ fn crc(bytes: &[u8]) -> u32 {
     })
 }
 
-/// A camera that hangs upside down, or on its side, states this in its pictures, and browsers turn them. Labels are
-/// drawn on pixels, so the picture is sent with the same pixels and without turn data, for each file format.
+/// A camera that hangs upside down, or on its side, states this in its pictures, and browsers rotate them. Labels are
+/// drawn on pixels, so the picture is sent with the same pixels and without rotation data, for each file format.
 #[test]
 fn a_picture_is_shown_as_its_pixels_stand() {
     let rgb = (0..8_u8).map(|index| [index * 30, 255 - index * 30, 90]).collect();
@@ -167,7 +167,7 @@ fn a_picture_is_shown_as_its_pixels_stand() {
         let jpeg = [&plain_jpeg[..2], &[0xff, 0xe1], &length, &segment, &plain_jpeg[2..]].concat();
         let chunk = [&b"eXIf"[..], &exif].concat();
         let length = u32::try_from(exif.len()).expect("short").to_be_bytes();
-        // After the header, with a chunk of 13 bytes.
+        // The chunk of 13 bytes is inserted after the header.
         let png = [&plain_png[..33], &length, &chunk, &crc(&chunk).to_be_bytes(), &plain_png[33..]].concat();
         for (bytes, plain) in [(jpeg, &plain_jpeg), (png, &plain_png)] {
             let expected = files::read_color(plain).expect("a picture");

@@ -55,8 +55,8 @@ fn a_corner_beside_which_the_region_hangs_over_is_named() {
 }
 
 /// By hand: a hole of 17 × 17 px, through which the background is seen 160 mm behind, so 17 mm. Its middle is (188,
-/// 98), in the fifth column and second row. One of 9 mm is smaller than the limit at which the tool treats it as a
-/// hole, and a masked one is known to the person.
+/// 98), in the fifth column and second row. A hole of 9 mm is smaller than the limit for a hole, and a masked hole is
+/// already known to the person.
 #[test]
 fn a_hole_is_measured_and_named() {
     let off = found(Flat { hole_px: 17, ..Flat::default() });

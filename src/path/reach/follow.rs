@@ -1,4 +1,4 @@
-//! Follows a path from place to place, in the arm's current configuration or in the one with the most room.
+//! Follows a path from pose to pose, in the arm's current configuration or in the one with the most room.
 
 use super::clearance::keeps_clear;
 use super::infeasible::{Infeasibility, ReachFault};
@@ -11,26 +11,26 @@ use rayon::prelude::*;
 
 /// Longest step between two checked poses.
 const STEP_MM: f64 = 10.0;
-/// Largest turn between two checked poses, degrees.
+/// Largest rotation between two checked poses, degrees.
 const STEP_DEG: f64 = 3.0;
 /// Largest turn of an axis in one step, degrees; with a larger turn, the configuration has changed.
 const FLIP_DEG: f64 = 30.0;
 /// Shifts of the panel that are tried, mm, along each axis of the base.
 const SHIFTS_MM: [f64; 6] = [10.0, 20.0, 40.0, 60.0, 100.0, 150.0];
 
-/// How the arm follows a path.
+/// The result of following a path with the arm.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Travel {
-    /// The axes at each waypoint.
+    /// The axis angles at each waypoint.
     pub joints: Vec<Joints>,
     /// Smallest room beyond the margins, degrees, over all axes and the wrist singularity.
     pub room_deg: f64,
 }
 
-/// Follows a path from the current axes, or, without them, in the configuration that has the most room.
+/// Follows a path from the current axis angles, or, without them, in the configuration that has the most room.
 ///
 /// # Errors
-/// The first cause in the configuration that comes farthest.
+/// The first cause, in the configuration with which the arm comes farthest.
 pub fn follow(
     arm: &Kinematics,
     flange_from_tool: Rigid<Flange, Tool>,
@@ -63,7 +63,8 @@ pub fn follow(
     best.ok_or_else(|| farthest.map_or_else(missing, |(_, fault)| fault))
 }
 
-/// Returns the axis solutions for this flange pose, outside all margins and keep-out boxes; `tip` is the tool's.
+/// Returns the axis solutions for this flange pose that keep all margins and lie outside all keep-out boxes; `tip` is
+/// the tool's.
 pub fn postures(arm: &Kinematics, base_from_flange: &Rigid<Base, Flange>, tip: Point<Flange>) -> Vec<Joints> {
     let look = CheckedPose {
         index: 0,
@@ -125,7 +126,7 @@ fn looks(
     if let Some(start) = before {
         all.push(look(0, start, 0.0, None, false));
     }
-    // If nothing is known about the motion before, the path begins at standstill.
+    // If the motion before is not known, the path begins at standstill.
     let mut blend = 0.0;
     for (index, leg) in legs.iter().enumerate() {
         let to = leg.base_from_tool;
@@ -148,7 +149,7 @@ fn looks(
     Ok(all)
 }
 
-/// Continues from step to step in one configuration; returns how far it came if it fails.
+/// Follows the poses step by step in one configuration; if this fails, returns the step and the reason.
 fn track(arm: &Kinematics, looks: &[CheckedPose], start: Angles) -> Result<Travel, (usize, ReachFault)> {
     let (mut at, mut speed) = (start, [0.0; 6]);
     let mut travel = Travel { joints: Vec::new(), room_deg: f64::INFINITY };
@@ -177,7 +178,7 @@ fn widest(turned: &Angles) -> usize {
     (0..6).fold(0, |widest, axis| if turned[axis].abs() > turned[widest].abs() { axis } else { widest })
 }
 
-/// Returns the axis solution of a place that is nearest to the current axes, turn by turn.
+/// Returns the axis solution for a pose that is nearest to the current axis angles, including whole turns.
 fn nearest(arm: &Kinematics, look: &CheckedPose, at: &Angles) -> Result<Angles, Infeasibility> {
     nearest_way(&look.ways, at).ok_or_else(|| out_of_reach(arm, look))
 }
@@ -186,7 +187,8 @@ fn out_of_reach(arm: &Kinematics, look: &CheckedPose) -> Infeasibility {
     Infeasibility::OutOfReach { beyond_mm: arm.beyond_reach_mm(&look.base_from_flange) }
 }
 
-/// Returns a solution and the same with axes 4 and 6 a turn further, if the limits allow it.
+/// Returns a solution together with its variants in which axes 4 and 6 are one turn further in either direction, as
+/// far as the limits allow.
 fn turns(arm: &Kinematics, way: &Angles) -> Vec<Angles> {
     let mut all = Vec::new();
     for turn_4 in [-360.0, 0.0, 360.0] {

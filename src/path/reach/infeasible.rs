@@ -29,7 +29,7 @@ pub enum Infeasibility {
         /// How far, mm.
         beyond_mm: f64,
     },
-    /// An axis is beyond its limits less the margin.
+    /// An axis exceeds its limits, which are reduced by the margin.
     #[error(
         "axis {axis} would be at {}°, the limits are {} to {}°", beyond(*angle_deg, *allowed_deg), plain(allowed_deg[0]),
         plain(allowed_deg[1])
@@ -37,9 +37,9 @@ pub enum Infeasibility {
     AxisLimit {
         /// 1 to 6.
         axis: usize,
-        /// The angle that it would have, degrees.
+        /// The angle that the axis would have, degrees.
         angle_deg: f64,
-        /// Lowest and highest angle, less the margins, degrees.
+        /// Lowest and highest angle, reduced by the margins, degrees.
         allowed_deg: [f64; 2],
     },
     /// The arm is near a singularity.
@@ -119,7 +119,7 @@ impl Infeasibility {
     }
 }
 
-/// Formats an angle beyond its limits, with enough digits to differ from the exceeded limit.
+/// Formats an angle beyond its limits, with enough digits to distinguish it from the exceeded limit.
 fn beyond(angle_deg: f64, [low_deg, high_deg]: [f64; 2]) -> String {
     let [angle, _] = apart(angle_deg, if angle_deg < low_deg { low_deg } else { high_deg }, 1);
     angle
@@ -137,7 +137,7 @@ fn singular_words(which: Singular) -> &'static str {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("waypoint {index}: {cause}")]
 pub struct ReachFault {
-    /// The waypoint at which, or on the way to which, the problem occurs, from 0.
+    /// The waypoint at which, or on the motion to which, the problem occurs, from 0.
     pub index: usize,
     /// Why.
     pub cause: Infeasibility,

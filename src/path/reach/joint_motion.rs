@@ -1,8 +1,8 @@
 //! Checks whether all axes may turn together from one position to another, as `move_j` does.
 //!
-//! No line is followed, so singularities are no obstacle; the margins from the axes' limits also apply only to
-//! lines. The checks that remain are the limits themselves, the keep-out boxes and the obstacles of the scan, at
-//! every 2° of the axis that turns farthest.
+//! No line is followed, so singularities do not matter; the margins from the axis limits also apply only to lines. The
+//! checks that remain are the limits themselves, the keep-out boxes and the obstacles of the scan, at every 2° of the
+//! axis that turns farthest.
 
 use super::clearance::keeps_clear;
 use super::infeasible::Infeasibility;
@@ -13,7 +13,7 @@ use crate::path::kinematics::{Angles, Kinematics};
 /// Largest turn of an axis between two checked poses, degrees.
 const STEP_DEG: f64 = 2.0;
 
-/// Moves all axes from here to there, each at its share of the way, with this tool.
+/// Checks a motion with this tool in which all axes turn from the first angles to the second ones in proportion.
 ///
 /// # Errors
 /// The obstacle or limit.

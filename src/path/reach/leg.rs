@@ -7,9 +7,9 @@ use nalgebra::Isometry3;
 /// One line of a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Leg {
-    /// The pose at its end.
+    /// The pose at the end of the line.
     pub base_from_tool: Rigid<Base, Tool>,
-    /// Speed of the tool's point on this line, mm/s.
+    /// Speed of the tool centre point on this line, mm/s.
     pub feed_mm_s: f64,
     /// Rounding at the end of the line, mm; 0 stops there.
     pub blend_mm: f64,
@@ -22,18 +22,18 @@ pub(super) struct CheckedPose {
     pub tip: Point<Base>,
     /// Time since the previous checked pose, s.
     pub seconds: f64,
-    /// Time in which the speed may change from the checked place before, s; `None` if the arm stops in between.
+    /// Time in which the speed may change since the previous checked pose, s; `None` if the arm stops in between.
     pub change_s: Option<f64>,
     /// Whether a waypoint ends here.
     pub is_end: bool,
     pub ways: Vec<Angles>,
 }
 
-/// Returns the pose at a share of the way along a straight line, turned by the same share of the angle.
+/// Returns the pose at a fraction of a straight line, rotated by the same fraction of the angle.
 pub fn between<To: Frame>(from: Rigid<To, Tool>, to: Rigid<To, Tool>, share: f64) -> Rigid<To, Tool> {
     let (from, to) = (from.isometry(), to.isometry());
     let place = from.translation.vector.lerp(&to.translation.vector, share);
-    // Between opposite rotations there is no unique way; the check at the end finds the jump.
+    // Between opposite rotations the interpolation is not unique; the check at the end finds the jump.
     let turned = from.rotation.try_slerp(&to.rotation, share, 1e-9).unwrap_or(to.rotation);
     Rigid::claim(Isometry3::from_parts(place.into(), turned))
 }

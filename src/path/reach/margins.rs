@@ -10,7 +10,7 @@ use nalgebra::Vector3;
 /// Distance between points on the arm that are compared with the keep-out boxes, mm.
 const SAMPLE_MM: f64 = 15.0;
 
-/// Returns the first axis beyond its limits less the margin.
+/// Returns the first axis that exceeds its limits, which are reduced by the margin.
 pub(super) fn beyond(arm: &Kinematics, at: &Angles) -> Option<Infeasibility> {
     let (axes, margin_deg) = (arm.arm().axes(), arm.arm().margins().limit_margin_deg());
     (0..6).find_map(|axis| {
@@ -20,7 +20,7 @@ pub(super) fn beyond(arm: &Kinematics, at: &Angles) -> Option<Infeasibility> {
     })
 }
 
-/// Returns the reason that excludes all solutions: the axis limit of the solution that is least far beyond.
+/// Returns the reason that excludes all solutions: the axis limit that is exceeded least.
 pub(super) fn axis_limit(arm: &Kinematics, ways: &[Angles]) -> Infeasibility {
     let far = |cause: &Infeasibility| match cause {
         Infeasibility::AxisLimit { angle_deg, allowed_deg, .. } => {
@@ -61,7 +61,7 @@ pub(super) fn too_fast(
     before: &Angles,
 ) -> Result<Angles, Infeasibility> {
     let axes = arm.arm().axes();
-    // A turn on the spot lasts as long as the controller plans for it.
+    // A rotation on the spot takes as long as the controller plans.
     if look.seconds <= 0.0 {
         return Ok([0.0; 6]);
     }
@@ -97,8 +97,8 @@ pub(super) fn parts(
     ]
 }
 
-/// Checks that neither a part of the arm nor the tool with its tip at this point is in a keep-out box or too near
-/// to one.
+/// Checks that neither a part of the arm nor the tool with its tip at this point is in a keep-out box or too near to a
+/// box.
 pub(super) fn keeps_out(arm: &Kinematics, tip: Point<Base>, at: &Angles) -> Result<(), Infeasibility> {
     if arm.arm().keep_out().is_empty() {
         return Ok(());

@@ -20,10 +20,11 @@ pub fn retract(base_from_tool: Rigid<Base, Tool>) -> Leg {
     Leg { base_from_tool: base_from_tool * away, feed_mm_s: RETRACT_MM_S, blend_mm: 0.0 }
 }
 
-/// Checks each waypoint in contact. Each item states whether it is in contact, the tool's pose and the axes.
+/// Checks each waypoint in contact. Each item states whether the waypoint is in contact, the tool's pose and the axis
+/// angles.
 ///
 /// # Errors
-/// The first from which the arm could not lift off, as [`Infeasibility::Retract`].
+/// The first waypoint from which the arm could not lift off, as [`Infeasibility::Retract`].
 pub fn retracts(
     arm: &Kinematics,
     flange_from_tool: Rigid<Flange, Tool>,
@@ -59,8 +60,8 @@ mod tests {
         assert_eq!((RETRACT_MM, RETRACT_MM_S), (shipped("CELL_RETRACT_MM"), 1e3 * shipped("CELL_RETRACT_VEL")));
     }
 
-    /// Found by a walk over the controller's programs: the tool points down and is so near to axis 5's limit that
-    /// the arm cannot lift it by 50 mm. In front of a panel it can.
+    /// Found by a random walk over the controller's programs: the tool points down and is so near to axis 5's limit
+    /// that the arm cannot lift it by 50 mm. In front of a panel the arm can.
     #[test]
     fn contact_from_which_a_stop_could_not_lift_off_is_refused() {
         let cell = Cell::check("cell.toml", "").unwrap_or_else(|problems| panic!("{problems}"));

@@ -52,7 +52,8 @@ fn every_cause_has_its_name() {
     assert!(matches!(refused(&[leg(f64::NAN, 0.0, 400.0)]), Infeasibility::NotFinite));
     let fast = Leg { feed_mm_s: 15_000.0, ..leg(560.0, -100.0, 400.0) };
     assert!(matches!(refused(&[leg(560.0, 60.0, 400.0), fast]), Infeasibility::AxisSpeed { .. }));
-    // There and back in a corner rounded over 0.5 mm at 900 mm/s changes the speed within the time of one step.
+    // A motion there and back, with a corner rounded over 0.5 mm at 900 mm/s, changes the speed within the time of one
+    // step.
     let quick = |y_mm: f64| Leg { feed_mm_s: 900.0, blend_mm: 0.5, ..leg(560.0, y_mm, 400.0) };
     assert!(matches!(
         refused(&[quick(0.0), quick(10.0), quick(20.0), quick(10.0)]),
@@ -74,8 +75,8 @@ fn look(seconds: f64, change_s: Option<f64>) -> CheckedPose {
     CheckedPose { index: 0, base_from_flange, tip, seconds, change_s, is_end: true, ways: Vec::new() }
 }
 
-/// Calculated by hand: in 10 ms, each axis may turn a hundredth of its speed, and its speed may change by a
-/// hundredth of its acceleration. A thousandth more of either is refused, at that axis.
+/// Calculated by hand: in 10 ms, each axis may turn by a hundredth of its speed, and its speed may change by a
+/// hundredth of its acceleration. If either is exceeded by a thousandth, the path is refused at that axis.
 #[test]
 fn speed_and_acceleration_hold_up_to_their_limits() {
     let arm = Gates::new().arm;
@@ -103,7 +104,7 @@ fn speed_and_acceleration_hold_up_to_their_limits() {
     }
 }
 
-/// Calculated by hand: ±170, −190…45, −120…156, ±185, ±120, ±350°, each less the margin of 3°.
+/// Calculated by hand: ±170, −190…45, −120…156, ±185, ±120, ±350°, each reduced by the margin of 3°.
 #[test]
 fn an_axis_keeps_the_margin_from_its_limits() {
     let arm = Gates::new().arm;

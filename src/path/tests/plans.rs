@@ -88,8 +88,8 @@ fn every_planted_defect_has_its_reason() {
     assert_eq!(planted(|plan| plan.step_over_mm.as_mut().expect("rows").max_mm = 12.01), review("step_over"));
 }
 
-/// A path with a number that is not finite is a fault of this program: the operator is not requested to move the
-/// panel for it.
+/// A path with a number that is not finite is a fault of this program: the operator is not asked to move the panel
+/// because of this.
 #[test]
 #[should_panic(expected = "is not finite")]
 fn a_path_that_is_not_finite_is_never_followed() {
@@ -143,7 +143,7 @@ fn a_press_in_needs_a_pad_that_takes_up_the_error() {
 }
 
 /// Calculated by hand: on a grid of 6 mm, one place would be enough for a disc of 30 mm. The disc moves over this
-/// place by half of its radius, 7.5 mm. It moves as slowly as allowed, because the place would otherwise be under
+/// place by half of its radius, 7.5 mm. The feed is the lowest allowed one, because the place would otherwise be under
 /// the disc for too short a time.
 #[test]
 fn the_krl_program_is_as_written() {

@@ -1,4 +1,4 @@
-//! The tool's attitude along a path: on the normal, landing, between areas, leaning.
+//! The tool's orientation along a path: on the normal, landing, between areas, leaning.
 
 use super::*;
 
@@ -20,7 +20,8 @@ fn the_tool_stands_on_the_normal_and_turns_gently() {
                 let normal = shape.normal(tool(waypoint).origin());
                 angle = angle.max((-(rotation * Vector3::z())).angle(&normal).to_degrees());
                 assert!(shape.distance_mm(tool(waypoint).origin()).abs() < 0.05);
-                // X is the reference as seen along the tool: Y has no component along it.
+                // X is the reference projected perpendicular to the tool's axis: Y has no component along the
+                // reference.
                 spin = spin.max((rotation * Vector3::y()).dot(&reference).abs());
                 assert!(reference.norm() == 0.0 || (rotation * Vector3::x()).dot(&reference) > 0.5);
             }
@@ -81,8 +82,8 @@ fn waypoints_come_closer_where_the_panel_bends() {
     }
 }
 
-/// Calculated by hand: the disc comes down over 15 mm along the surface from 3 mm above it, presses in by 1.5 mm
-/// and leaves the same way.
+/// Calculated by hand: the disc lands over 15 mm along the surface, from 3 mm above it, presses in by 1.5 mm and
+/// retracts in the same way.
 #[test]
 fn the_disc_lands_and_leaves_while_it_moves() {
     let (surface, settings) = (rectangle(50.0, 50.0), settings("press_in_mm = 1.5\npad_stroke_mm = 5"));
@@ -117,7 +118,7 @@ fn lead_and_tilt_lean_the_tool_about_its_point() {
         panel_from_tool(&surface, at, 0.0, Stance::from_settings(&settings("lead_deg = 5"))).expect("a pose");
     assert!(leaning.origin().distance_mm(upright.origin()) < 1e-12);
     assert!(((upright.inverse() * leaning).turn().0 - 5.0).abs() < 1e-9);
-    // Calculated by hand: Z = (0, 0, −1), X = (1, 0, 0); a lead of 5° turns Z towards X.
+    // Calculated by hand: Z = (0, 0, −1), X = (1, 0, 0); a lead of 5° rotates Z towards X.
     let z = leaning.rotation() * Vector3::z();
     assert!((z - Vector3::new(5.0f64.to_radians().sin(), 0.0, -5.0f64.to_radians().cos())).norm() < 1e-9, "{z}");
 }

@@ -12,12 +12,12 @@ fn a_straight_track_covers_a_stadium() {
     let found = coverage(&surface, (id, &WHOLE), &strokes(&track, |_| true), 5.0);
     assert!((found.area_mm2 - 2_500.0).abs() < 1e-6);
     assert!((found.covered_mm2 - 278.54).abs() < 3.0, "{found:?}");
-    // A single place is no way in contact, neither here nor for the dwell.
+    // A single place is not a motion in contact, neither here nor for the dwell.
     assert!(strokes(&track, |index| index == 0).is_empty() && strokes(&track[..1], |_| true).is_empty());
 }
 
-/// Calculated by hand: a disc of 60 mm radius in the middle of r1c1, (−112, −56), would reach 11 mm over the edge
-/// at y = −105. The disc moves inwards and still covers the grid.
+/// Calculated by hand: a disc of 60 mm radius in the middle of r1c1, (−112, −56), would reach 11 mm beyond the edge at
+/// y = −105. The lines are moved inwards, and the disc still covers the grid.
 #[test]
 fn a_large_disc_keeps_off_the_outline_where_it_can() {
     let (fit, region, outline, settings) = fitted(
@@ -31,8 +31,8 @@ fn a_large_disc_keeps_off_the_outline_where_it_can() {
     assert!((1.9..=2.0).contains(&plan.overhang.largest_mm), "{:?}", plan.overhang);
 }
 
-/// By hand: the panel ends at the end of its region and the disc must not reach over the edge. So its middle keeps
-/// 15 mm off, and at the corner (1 − π/4) · 15² = 48.3 of 56² mm² remain, 1.54 %.
+/// By hand: the panel ends at the end of its region, and the disc must not reach beyond the edge. So its middle keeps
+/// 15 mm from the edge, and at the corner (1 − π/4) · 15² = 48.3 of 56² mm² remain untreated, 1.54 %.
 #[test]
 fn what_the_outline_forbids_is_left_and_said() {
     let (surface, region) = (rectangle(280.0, 168.0), region());
@@ -103,8 +103,8 @@ fn dwell_by_hand() {
     assert!((sample(&twice, 25, 25).0 - 2.0).abs() < 0.21);
 }
 
-/// A disc that is larger than the grid reaches the whole grid, by the plan and by the simulation of its poses, with
-/// every pattern. If it reaches nothing, the result is 0 and not −0.
+/// A disc that is larger than the grid reaches the whole grid, according to the plan and to the simulation of its
+/// poses, with every pattern. If the disc reaches nothing, the result is 0 and not −0.
 #[test]
 fn a_disc_larger_than_the_grid_covers_it_by_every_count() {
     let region = one_grid();
@@ -171,8 +171,8 @@ fn what_is_planned_is_what_the_simulated_path_covers() {
     assert!((used.swept_mm2 - plan.contact_mm * 30.0).abs() < 1e-6 && !used.asks_for_a_change());
 }
 
-/// A square hole of 44 mm in r2c2's neighbour at (207, 150) px: over it the tool is lifted, beside it nothing
-/// changes, and the part that was not abraded is reported.
+/// A square hole of 44 mm in r2c2's neighbour at (207, 150) px: over the hole the tool is lifted, beside the hole
+/// nothing changes, and the part that was not abraded is reported.
 #[test]
 fn the_tool_is_lifted_over_a_hole() {
     let spoil = Spoil { hole_px: 14.0, ..Spoil::default() };

@@ -67,7 +67,7 @@ fn the_step_over_holds_around_a_cylinder() {
     println!("width {width_mm:.3} mm, {} rows, r' {step_mm:.4} mm", rows.len());
     let (mut least, mut most) = (f64::INFINITY, 0.0f64);
     for pair in rows.windows(2) {
-        // On a developed cylinder: distance of a point from the chord between its neighbours in the next row.
+        // On a developed cylinder: distance of a point from the chord between its neighbouring points in the next row.
         for point in &pair[0][1..pair[0].len() - 1] {
             let flat = |p: &Point<Panel>| nalgebra::Vector2::new(around_mm(p), p.mm.y);
             let here = flat(point);
@@ -115,13 +115,13 @@ fn rows_stand_at_the_equal_distance_of_their_column() {
     }
 }
 
-/// A slanted grid of this size with shifted corners, and how it is treated.
+/// A slanted grid of this size with shifted corners, and the settings with which it is treated.
 #[derive(Debug, Clone, Copy)]
 struct Slanted {
     shift_mm: [f64; 8],
     size_mm: [f64; 2],
     disc_mm: f64,
-    /// The step-over as a share of the disc's diameter.
+    /// The step-over as a fraction of the disc's diameter.
     share: f64,
     spacing_mm: f64,
 }

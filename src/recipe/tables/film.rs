@@ -126,20 +126,20 @@ settings! {
         /// Time for which a place must appear dry before it counts as broken, s. The time of the break is the first
         /// moment at which it appeared dry.
         persist_s: f64, 0.1..=10.0, default 1.2;
-        /// Share of its dry brightness that a place at least regains when its film has broken; the rest is damp.
-        /// The smallest break that is surely found is stated for this share.
+        /// Smallest fraction of its dry brightness that a place regains when its film has broken; the rest is damp.
+        /// The smallest break that is surely found is stated for this fraction.
         damp: f64, 0.5..=1.0, default 0.8;
         /// Largest area of a reflection that counts as a glint, mm².
         glint_mm2: f64, 0.0..=500.0, default 40.0;
         /// Largest area within a break that counts as a bead of water, mm².
         bead_mm2: f64, 0.0..=500.0, default 20.0;
-        /// Largest share of the region that is wet in no picture, percent; with a larger share, the test is not
+        /// Largest part of the region that is not wet in any picture, percent; with a larger part, the test is not
         /// valid.
         max_never_wet_percent: f64, 0.0..=100.0, default 20.0;
         /// Largest change of the light since the dry picture that is compensated, percent. For brighter light, the
-        /// limit is at most the change that brings a wet place half-way to dry, which the clip determines.
+        /// limit is at most the change with which a wet place looks half-way to dry; the clip determines this change.
         max_light_change_percent: f64, 1.0..=45.0, default 40.0;
-        /// Largest share of the region that glints and overexposure may hide in a picture, percent.
+        /// Largest part of the region that glints and overexposure may hide in a picture, percent.
         max_bright_percent: f64, 0.0..=50.0, default 5.0;
         /// Largest motion of the panel in the picture while it is watched, px.
         max_moved_px: f64, 0.1..=20.0, default 1.0;
@@ -158,7 +158,7 @@ settings! {
         /// that a break's edge is found at its true place. 52 is for 26 grey levels, dark composite.
         threshold: usize, 1..=255, default 52;
         /// Lower bounds of a dry pixel: hue 0…179, saturation and value 0…255 as OpenCV scales them. The defaults
-        /// exclude nothing, because a broken film passes if the range is too narrow.
+        /// exclude nothing, because with too narrow a range a broken film would pass.
         hsv_min: [usize; 3], 0..=255, default [0, 0, 0];
         /// Upper bounds of a dry pixel.
         hsv_max: [usize; 3], 0..=255, default [179, 255, 255];

@@ -8,7 +8,7 @@ settings! {
     /// `[panel]`: the panel's name, and a person's statements on its outline. `panel = "name"` alone is the short
     /// form.
     pub struct Panel {
-        /// The panel's name, under which the store keeps the taught data.
+        /// The panel's name, under which the store has the taught data.
         name: String, (), required;
         /// The corners of the panel's outline, in order, px in the taught scan's picture: for a panel with an edge
         /// that the scan does not show, because points are missing there or another object lies beside it. Without
@@ -27,7 +27,7 @@ impl Panel {
     }
 }
 
-/// An outline with more corners is a curve that no person has drawn.
+/// Largest number of corners: an outline with more corners is a curve that no person has drawn.
 const MAX_CORNERS: usize = 200;
 /// The smallest area of a polygon that a person draws, px².
 const MIN_AREA_PX2: f64 = 16.0;

@@ -25,7 +25,7 @@ settings! {
         control_spacing_mm: f64, 5.0..=200.0, default 25.0;
         /// Largest root mean square of the fit's residuals, mm.
         max_rms_mm: f64, 0.001..=5.0, default 0.2;
-        /// Largest share of the region's pixels without a point, percent.
+        /// Largest part of the region's pixels without a point, percent.
         max_missing_percent: f64, 0.0..=50.0, default 10.0;
         /// Side of the largest allowed square without a point, mm.
         max_hole_mm: f64, 1.0..=200.0, default 12.0;
@@ -75,12 +75,12 @@ settings! {
         step_over_mm: f64, 0.5..=200.0, default 12.0;
         /// Largest distance between waypoints along a row, mm.
         waypoint_spacing_mm: f64, 1.0..=100.0, default 10.0;
-        /// Largest distance of the straight way between two waypoints from the surface, mm; waypoints are closer if
+        /// Largest distance of the straight line between two waypoints from the surface, mm; waypoints are closer if
         /// the panel bends more.
         chord_error_mm: f64, 0.005..=5.0, default 0.1;
         /// Time that the controller needs to plan one line, ms; if waypoints are closer, the feed is lower.
         planning_time_ms: f64, 1.0..=500.0, default 60.0;
-        /// Rounding at a waypoint, as a share of the shorter line beside it. The controller accepts at most a half.
+        /// Rounding at a waypoint, as a fraction of the shorter adjacent line. The controller accepts at most a half.
         blend_share: f64, 0.0..=0.5, default 0.2;
         /// Largest distance that the disc may reach beyond the panel's outline, mm.
         edge_overhang_mm: f64, 0.0..=100.0, default 2.0;
@@ -89,25 +89,25 @@ settings! {
         max_dwell_ratio: f64, 1.1..=20.0, default 2.0;
         /// Highest feed along the surface, mm/s; it is lower at places that would be under the disc for less time.
         feed_mm_s: f64, 1.0..=500.0, default 60.0;
-        /// Acceleration of the tool's point when starting and stopping, mm/s².
+        /// Acceleration of the tool centre point when starting and stopping, mm/s².
         acceleration_mm_s2: f64, 50.0..=10_000.0, default 1_000.0;
         /// Height of approach and retract above the surface, mm.
         approach_mm: f64, 5.0..=300.0, default 40.0;
-        /// Length along the surface over which the tool comes down to the surface, and over which it leaves, while
-        /// moving, mm; with 0 it moves straight down.
+        /// Length along the surface over which the tool lands on the surface, and over which it retracts, while
+        /// moving, mm; with 0 it moves straight down and up.
         landing_mm: f64, 0.0..=100.0, default 15.0;
         /// Height above the surface at which the landing begins, mm.
         landing_height_mm: f64, 0.5..=50.0, default 3.0;
         /// The tool is lifted over a hole that contains a square of this side, mm; it passes over smaller holes.
         lift_hole_mm: f64, 1.0..=200.0, default 10.0;
-        /// Depth to which the tool's point goes into the panel along the normal, mm: the compression of its pad.
+        /// Depth to which the tool's tip goes into the panel along the normal, mm: the compression of its pad.
         press_in_mm: f64, 0.0..=50.0, default 0.0;
         /// Largest compression of the pad, mm; required if `press_in_mm` is used.
         pad_stroke_mm: Option<f64>, 0.5..=100.0, default None;
         /// Force with which a compliant tool presses, N; required for a compliant tool, not allowed for any other
         /// tool.
         force_n: Option<f64>, 1.0..=500.0, default None;
-        /// Force with which it comes down and leaves, N; a third of force_n if not stated.
+        /// Force with which a compliant tool lands and retracts, N; a third of force_n if not stated.
         landing_force_n: Option<f64>, 0.5..=500.0, default None;
         /// Time of the change between `landing_force_n` and `force_n`, s.
         force_ramp_s: f64, 0.0..=2.0, default 0.2;
@@ -117,9 +117,9 @@ settings! {
         tilt_deg: f64, -20.0..=20.0, default 0.0;
         /// Reference of the tool's spin, a direction in the panel's frame; [0, 0, 0] selects each grid's feed axis.
         reference_axis: [f64; 3], -1.0..=1.0, default [0.0, 0.0, 0.0];
-        /// Whether the tool is round, so that its spin may be turned for the arm's reach.
+        /// Whether the tool is round, so that its spin may be changed for the arm's reach.
         round_tool: bool, (), default true;
-        /// Contact area for which one disc lasts, mm² of panel; if not stated, discs are not counted.
+        /// Area of the panel that one disc can treat, mm²; if not stated, discs are not counted.
         disc_life_mm2: Option<f64>, 100.0..=10_000_000.0, default None;
     }
 }
@@ -158,7 +158,7 @@ pub(in crate::recipe) fn parse_path(section: &Section<'_, '_>) -> Option<Path> {
         section.problem("landing_height_mm", message);
         return None;
     }
-    // A direction need not have length 1, but such a short one is an input error. √3 is the longest.
+    // The direction need not have length 1, but such a short vector is an input error. √3 is the longest possible.
     let length = nalgebra::Vector3::from(path.reference_axis()).norm();
     if length > 0.0 && length < 0.1 {
         section.problem(
@@ -171,7 +171,7 @@ pub(in crate::recipe) fn parse_path(section: &Section<'_, '_>) -> Option<Path> {
 }
 
 impl Path {
-    /// Returns the force with which a compliant tool comes down and leaves, N; `None` if no force is stated.
+    /// Returns the force with which a compliant tool lands and retracts, N; `None` if no force is stated.
     pub fn landing_n(&self) -> Option<f64> {
         Some(self.landing_force_n().unwrap_or(self.force_n()? / 3.0))
     }

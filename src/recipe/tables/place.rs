@@ -1,4 +1,4 @@
-//! The panel's place: `[locate]` and `[corner]`.
+//! The panel's pose: `[locate]` and `[corner]`.
 
 use crate::config::{Choice, Section, Setting, settings};
 use crate::number_text::list;
@@ -21,8 +21,8 @@ impl Choice for Registration {
 settings! {
     /// `[locate]`: where the panel is searched, and the limits for acceptance (thesis 3.8).
     pub struct Locate {
-        /// The method of refining the pose. The thesis's method does not state its own error: its distance from the
-        /// other method's pose counts as error.
+        /// The method of refining the pose. The thesis's method does not state its own error: the distance of its pose
+        /// from that of the other method counts as its error.
         method: Registration, (), default Registration::PointToPlane;
         /// Lower corner of the search box in the base frame, mm.
         box_min_mm: [f64; 3], -5_000.0..=5_000.0, required;
@@ -30,13 +30,13 @@ settings! {
         box_max_mm: [f64; 3], -5_000.0..=5_000.0, required;
         /// Largest shift of the panel's centre from its nominal position, mm.
         max_shift_mm: f64, 0.0..=1_000.0, default 60.0;
-        /// Largest turn in the panel's plane, degrees.
+        /// Largest rotation in the panel's plane, degrees.
         turn_limit_deg: f64, 0.0..=180.0, default 15.0;
         /// Largest tilt of the panel's normal, degrees.
         max_tilt_deg: f64, 0.0..=45.0, default 15.0;
         /// Largest root mean square of the point-to-plane residuals, mm.
         max_rms_mm: f64, 0.001..=5.0, default 0.25;
-        /// Smallest share of taught points found in the scan, and of the panel's points in the scan found among the
+        /// Smallest fraction of taught points found in the scan, and of the panel's points in the scan found among the
         /// taught points, 0…1; a fifth of the panel may be hidden.
         min_overlap: f64, 0.0..=1.0, default 0.75;
     }
@@ -118,7 +118,7 @@ settings! {
         which: CornerNames, (), default CornerName::TopLeft.into();
         /// Diameter of the bilateral filter's neighbourhood, px.
         bilateral_diameter_px: usize, 3..=31, default 9;
-        /// Largest difference of two brightnesses that are still averaged.
+        /// Largest difference between two brightnesses that are still averaged, grey levels.
         bilateral_sigma_gray: f64, 1.0..=255.0, default 40.0;
         /// Lowest brightness of the panel.
         panel_gray_min: usize, 0..=255, default 0;
@@ -130,11 +130,11 @@ settings! {
         edge_mm: f64, 2.0..=200.0, default 25.0;
         /// Largest correction in the camera's plane, mm.
         max_correction_mm: f64, 0.1..=50.0, default 8.0;
-        /// A picture that indicates a smaller correction than this is the last one, mm.
+        /// If a picture indicates a smaller correction than this, mm, it is the last one.
         settled_mm: f64, 0.05..=5.0, default 0.3;
         /// Largest number of moves after the first picture.
         max_moves: usize, 0..=10, default 3;
-        /// Largest distance of the corner from where the localization puts it just before contact, mm.
+        /// Largest distance of the corner from its position by the localization just before contact, mm.
         verify_mm: f64, 0.05..=5.0, default 0.2;
     }
 }

@@ -6,7 +6,7 @@ use crate::config::{Choice, Section, settings};
 /// The method of calculating the feed from the required removal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RemovalMethod {
-    /// Not at all: the feed makes the times under the disc even, and the resulting removal is reported.
+    /// No calculation: the feed makes the times under the disc even, and the resulting removal is reported.
     Constant,
     /// The feed on each move is calculated so that the target is removed evenly.
     Scheduled,
@@ -24,14 +24,14 @@ settings! {
         method: RemovalMethod, (), default RemovalMethod::Constant;
         /// Depth to remove, µm.
         target_um: f64, 0.1..=5_000.0, required;
-        /// Largest allowed depth at any place, µm: of the coating, or of the first ply. The 95 % bound of the
-        /// removal over all passes is compared with this depth.
+        /// Largest allowed depth at any place, µm, for example the thickness of the coating or of the first ply. The
+        /// 95 % bound of the removal over all passes is compared with this depth.
         max_um: f64, 0.1..=10_000.0, required;
         /// Largest deviation from the target for 95 % of the treated area, percent of the target.
         even_percent: f64, 1.0..=100.0, default 20.0;
-        /// Force of the tool on the panel, N, if the tool is a spring; that of a compliant tool is in `[path]`.
+        /// Force of the tool on the panel, N, if the tool is a spring; the force of a compliant tool is in `[path]`.
         force_n: Option<f64>, 0.5..=500.0, default None;
-        /// Error of that force, 95 %, percent of the force.
+        /// Uncertainty of this force, 95 %, percent of the force.
         force_error_percent: f64, 0.0..=50.0, default 10.0;
         /// Lowest feed that a schedule may use, mm/s; the highest is the path's.
         min_feed_mm_s: f64, 0.5..=500.0, default 5.0;

@@ -32,7 +32,7 @@ fn a_film_that_failed_is_superseded_by_an_abrasion_and_a_later_film() {
     let judgement = conclude(Verdict::Pass, &all, &[], &[]);
     assert_eq!((judgement.verdict, codes(&judgement)), (Verdict::Pass, vec![]));
     assert_eq!(dispositions(&all, &[])[1], Disposition::Superseded);
-    // Without the abrasion, without the later film, or with the two in the other order, the first film counts.
+    // Without the abrasion, without the later film, or with the two in reverse order, the first film counts.
     for left_out in [3, 4] {
         let mut less = passed();
         less.remove(left_out);
@@ -79,7 +79,7 @@ fn a_review_counts_until_a_person_decides() {
     assert_eq!(dispositions(&all, &accept)[3], Disposition::Decided(&accept[0]));
 }
 
-/// Each reason once, in the order of the findings; the reason for the cycle's end comes last, if no finding states
+/// Each reason occurs once, in the order of the findings; the reason for the cycle's end comes last, if no finding has
 /// it.
 #[test]
 fn all_reasons_are_named_once_and_in_order() {

@@ -1,5 +1,5 @@
-//! The events on the panel and the requests to the cell, as far as they are known; if they are not known, the page
-//! states that.
+//! The events on the panel and the requests to the cell, as far as they are known; the page states if they are not
+//! known.
 
 use crate::cycle::{Path, Request};
 use crate::number_text::utc;

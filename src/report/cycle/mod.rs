@@ -16,7 +16,7 @@ const BLANK: &str = "……………………………………";
 const AIR_RUN: &str = "This was an air-run: the path was run above the panel with water and tool off. The panel was neither \
                        tested nor abraded, and this page does not release it. ";
 
-/// Returns the page of a cycle; `pictures` holds its JPEGs by their hash. A missing picture is reported as missing.
+/// Returns the page of a cycle; `pictures` contains its JPEGs by their hash. A missing picture is reported as missing.
 pub fn cycle_page(record: &CycleRecord, pictures: &BTreeMap<String, Vec<u8>>) -> Page {
     let running = || Judgement {
         verdict: Verdict::Invalid,
@@ -49,7 +49,7 @@ pub fn cycle_page(record: &CycleRecord, pictures: &BTreeMap<String, Vec<u8>>) ->
 /// The clock by which the times of films and motions are measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Times {
-    /// The computer's: a number needs no remark.
+    /// The computer's clock: a number needs no remark.
     Wall,
     /// The simulated cell's.
     Simulated,
@@ -66,7 +66,7 @@ impl Times {
         }
     }
 
-    /// Returns the remark on a time, so that a reader does not confuse the two clocks.
+    /// Returns the remark on a duration, so that a reader does not confuse the two clocks.
     fn beside(self, kind: Kind, check: &Check) -> &'static str {
         match (self, check.unit.as_str()) {
             // The time of a plan is calculated, not measured by a clock.
@@ -78,7 +78,7 @@ impl Times {
     }
 }
 
-/// Returns the time of the cycle, and its duration, by each clock.
+/// Returns the begin and the end of the cycle, and its duration, by each clock.
 fn duration(record: &CycleRecord) -> String {
     let began = utc(record.started_unix_s);
     let reasons = record.judgement.iter().flat_map(|judgement| &judgement.reasons);

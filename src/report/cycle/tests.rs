@@ -193,7 +193,7 @@ fn simulated_time_and_wall_time_are_told_apart() {
     assert!(cycle_page(&earlier, &BTreeMap::new()).html().contains("was not recorded"));
 }
 
-/// By hand: of 102 waypoints 101 are the path's, and these are executed; at the first one the approach ends.
+/// By hand: of 102 waypoints 101 belong to the path, and these are executed; the approach ends at the first waypoint.
 #[test]
 fn planned_and_executed_waypoints_agree() {
     let executed = Check::new(name::EXECUTED, "", 101.0).within(Limit::AtLeast(101.0), SetBy::Program);

@@ -47,9 +47,10 @@ pub(super) fn attempts(record: &CycleRecord) -> Block {
     }
 }
 
-/// Lists the numbers by which a reader judges the treatment; if there are several of one kind, the last one.
+/// Lists the values by which a reader judges the treatment; if there are several values of one kind, the last one.
 pub(super) fn numbers(record: &CycleRecord) -> Block {
-    // In the record a check's name may depend on the one before it; here each name is complete.
+    // In the record, a check's name may only be understandable after the name of the check before it; here each name
+    // is complete.
     let wanted = [
         (Kind::Inspect, name::SMALLEST_BREAK, name::SMALLEST_BREAK),
         (Kind::Locate, name::RESIDUAL, name::RESIDUAL),

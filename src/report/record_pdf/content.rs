@@ -1,4 +1,4 @@
-//! The content of the page, in tables of text, from the kept data of a cycle.
+//! The content of the page, in tables of text, from the stored data of a cycle.
 
 use super::blocks::{
     Block, all_checks, attempts, deviations, equipment, line_to_sign, numbers, reasons, short, shortened,
@@ -21,7 +21,7 @@ pub struct Sheet {
     pub verdict: Verdict,
     /// The cycle's end in a sentence.
     pub disposition: String,
-    /// Names and values above the map, two to a line.
+    /// Pairs of name and value above the map, two pairs in each line.
     pub facts: Vec<(String, String)>,
     /// The map of the panel, or the reason why there is none.
     pub map: Result<GridMap, String>,
@@ -39,7 +39,8 @@ const NOT_NAMED: &str = "not named at the start";
 /// A row of these tables is one line.
 const FIRST_SERVED: [usize; 3] = [2, 3, 0];
 
-/// Returns how many rows of each table are on the page; it holds as many as if each had [`ROWS_EACH`].
+/// Returns the number of rows of each table on the page; together the tables have at most as many rows as if each had
+/// [`ROWS_EACH`].
 fn rows_on_the_page(rows: [usize; 6]) -> [usize; 6] {
     let mut shown = rows.map(|count| count.min(ROWS_EACH));
     let mut free = shown.iter().map(|count| ROWS_EACH - count).sum::<usize>();
@@ -88,7 +89,7 @@ impl Sheet {
             }
             blocks.push(shown);
         }
-        // In addition to those who signed, in any number, there is a line for the person who decides.
+        // The line for the person who decides follows the rows of the people who signed, whatever their number.
         if let (Some(line), Some(block)) = (line_to_sign(sources), blocks.last_mut()) {
             block.rows.push(line);
         }
@@ -237,8 +238,8 @@ fn budget(record: &CycleRecord) -> String {
 mod tests {
     use super::*;
 
-    /// By hand: the film table leaves 3 rows free, the signatures 4; the numbers use 4 of those 7, the equipment
-    /// uses the other 3 for its 4.
+    /// By hand, first case: the film table leaves 3 rows free, and the signatures leave 4. The numbers use 4 of these
+    /// 7 rows; the equipment uses the other 3, although it needs 4 more.
     #[test]
     fn free_rows_go_to_numbers_and_equipment_first() {
         assert_eq!(rows_on_the_page([9, 2, 9, 9, 5, 1]), [5, 2, 9, 8, 5, 1]);

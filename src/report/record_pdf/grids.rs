@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 /// The result of a grid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum GridState {
-    /// No film that counts shows it.
+    /// The last valid film does not show the grid as a whole, or there is no valid film.
     NotTested,
     /// The film held.
     Passed,
@@ -23,7 +23,7 @@ impl GridState {
     pub const ALL: [GridState; 4] =
         [GridState::Passed, GridState::PassedAfterAbrasion, GridState::Failed, GridState::NotTested];
 
-    /// Returns the letter that identifies it without colour.
+    /// Returns the letter that identifies the state without colour.
     pub fn letter(self) -> &'static str {
         match self {
             GridState::NotTested => "–",
@@ -43,7 +43,7 @@ impl GridState {
         }
     }
 
-    /// Returns its colour, red, green, blue; the letter and the hatch give the same information.
+    /// Returns the state's colour: red, green, blue; the letter and the hatch give the same information.
     pub fn colour(self) -> [u8; 3] {
         match self {
             GridState::NotTested => [255, 255, 255],
@@ -53,7 +53,7 @@ impl GridState {
         }
     }
 
-    /// The directions in which its cell is hatched: `[down to the right, up to the right]`.
+    /// The directions in which the state's cell is hatched: `[down to the right, up to the right]`.
     pub fn hatch(self) -> [bool; 2] {
         match self {
             GridState::NotTested | GridState::Passed => [false, false],

@@ -1,4 +1,4 @@
-//! The place of each text, line and picture of the PDF: a list of marks for each page, in points from its top left
+//! The position of each text, line and picture of the PDF: a list of marks for each page, in points from its top left
 //! corner.
 
 use super::blocks::Block;

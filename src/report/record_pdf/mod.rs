@@ -1,8 +1,8 @@
-//! The record of a cycle on one page to read and to sign, as HTML and as PDF; content that has no room on it
-//! follows as annex.
+//! The record of a cycle on one page, to read and to sign, as HTML and as PDF; content that does not fit on the page
+//! follows as an annex.
 //!
-//! One content (`content`, its tables in `blocks`) from the kept data of the cycle (`sources`), drawn twice.
-//! Decides nothing: every word and number is already in the record.
+//! The content (`content`, its tables in `blocks`) is created once from the stored data of the cycle (`sources`), and
+//! is drawn in both formats. Nothing is decided here: every word and number is already in the record.
 
 mod blocks;
 mod content;

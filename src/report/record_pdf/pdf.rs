@@ -164,7 +164,7 @@ fn draw(surface: &mut Surface<'_>, mark: &Mark, fonts: &(Font, Font), images: &[
     }
 }
 
-/// Converts a time to the format of a PDF, from the text that people read.
+/// Converts a time to the date format of a PDF; the date is taken from the text that people read.
 fn date(unix_s: i64) -> Option<DateTime> {
     let words = utc(unix_s);
     let numbers: Vec<u16> =

@@ -8,9 +8,9 @@ use crate::record::{CycleRecord, PartNames};
 pub struct Sources<'s> {
     /// The cycle.
     pub record: &'s CycleRecord,
-    /// Its part; `None` if none was named.
+    /// The cycle's part; `None` if none was named.
     pub part: Option<&'s PartNames>,
-    /// Its recipe; `None` if the stored copy is missing.
+    /// The cycle's recipe; `None` if the stored copy is missing.
     pub recipe: Option<&'s Recipe>,
     /// What measured.
     pub equipment: &'s [Equipment],

@@ -114,7 +114,7 @@ fn rows<'s>(sheet: &'s Sheet, heading: &str) -> &'s [Vec<String>] {
     &block.unwrap_or_else(|| panic!("no {heading}")).rows
 }
 
-/// By hand, from `films`; the invalid film states nothing about any grid.
+/// Calculated by hand from `films`; the invalid film gives no result for any grid.
 #[test]
 fn the_map_tells_what_became_of_each_grid() {
     use GridState::{Failed, NotTested, Passed, PassedAfterAbrasion};
@@ -188,7 +188,7 @@ fn a_line_to_sign_stands_until_a_person_has_decided() {
     assert_eq!((lines(&[]), lines(&[signed(false)]), lines(&[signed(false), signed(true)])), (1, 1, 0));
 }
 
-/// As HTML: escaped, and every state shown by a letter and by lines, not by colour alone.
+/// In the HTML, the text is escaped, and every state is shown by a letter and by lines, not by colour alone.
 #[test]
 fn the_map_is_read_without_colour() {
     let html = html(&sheet(&record(films()), &[]));

@@ -1,4 +1,5 @@
-//! A signed record beside the one in the store: their differences, and what is no difference.
+//! Compares a signed record with the record in the store: which changes are reported as differences, and which are
+//! not.
 
 use super::super::differences;
 use serde_json::json;

@@ -1,5 +1,5 @@
-//! Records as they are signed and exported. `changes` tests manipulations, `differences` what a later program may
-//! keep.
+//! Records as they are signed and exported. `changes` tests manipulations, `differences` tests which later additions
+//! to a record are allowed.
 
 mod changes;
 mod differences;
@@ -210,7 +210,7 @@ fn a_whole_export_is_found_whole() {
     assert_eq!((first.id, &first.part), (CycleId(1), &part()));
     assert_eq!(first.record["findings"][0]["numbers"][0]["value"], json!(0.1 + 0.2), "to the bit");
     assert_eq!(verified.gaps, []);
-    // A part of the chain also verifies; with the head it must be the whole chain.
+    // A part of the chain can also be verified; if the head is given, the chain must be complete.
     let mut part = export.clone();
     let is_in_part = |name: &String| ["cycle-2", "cycle-5"].iter().any(|stem| name.starts_with(stem));
     part.statements.retain(|name, _| is_in_part(name));
@@ -221,7 +221,7 @@ fn a_whole_export_is_found_whole() {
     let expected = ["record number 1 is missing", "records number 4 to 7 are missing", "rolled back"];
     assert!(told.found.iter().zip(expected).all(|(found, words)| found.contains(words)), "{:?}", told.found);
     assert_eq!((told.found.len(), told.gaps), (3, vec![]));
-    // A cycle and its persons' signatures verify without other records.
+    // A cycle and the persons' signatures on it can be verified without other records.
     let of_third = export.statements.clone().into_iter().filter(|(name, _)| name.starts_with("cycle-3")).collect();
     let pdfs = export.pdfs.clone().into_iter().filter(|(name, _)| name.starts_with("cycle-3")).collect();
     assert_eq!(found(&Export { statements: of_third, pdfs, files: None }, None), [] as [String; 0]);

@@ -12,8 +12,8 @@ fn panel_points(cell: &Cell, cloud: &OrganizedCloud<Camera>) -> usize {
     cloud.moved(&cell.calibrated_base_from_camera()).valid().filter(|(_, point)| in_search_box(point)).count()
 }
 
-/// 300,000 points at full size are 18,750 at a quarter. Calculated by hand: about 334 × 228 mm without the cut
-/// corner, 73,000 mm², seen at 33° with 2.28 px/mm.
+/// 300,000 points in the full picture are 18,750 points at a quarter of its width and height. Calculated by hand:
+/// about 334 × 228 mm without the cut corner, 73,000 mm², seen at 33° with 2.28 px/mm.
 #[test]
 fn a_panel_is_three_hundred_thousand_points() {
     for seed in 0..4 {

@@ -55,7 +55,7 @@ impl Trial {
         }
     }
 
-    /// A place beside the panel at which a second panel of its kind is seen as well as the first.
+    /// Returns a pose beside the panel at which a second panel of the same kind is as visible as a good panel must be.
     fn second(&self, random: &mut Pcg64) -> Option<Rigid<Base, Panel>> {
         let lattice = lattice(&self.taught);
         let middle = self.place.isometry() * Point3::from(CENTRE_MM);

@@ -1,4 +1,4 @@
-//! Panels that are bent since they were taught, by a bow and a wave, and their true values.
+//! Panels that were bent after they were taught, by a bow and a wave, and the ground truth for them.
 
 use super::Trial;
 use super::space::lattice;
@@ -22,7 +22,7 @@ impl Trial {
         })
     }
 
-    /// Returns the distance of a point in front of the surface of today's panel, along its normal, mm; `None`
+    /// Returns how far a point lies in front of the surface of today's panel, along the surface's normal, mm; `None`
     /// without a panel.
     pub fn before_surface_mm(&self, point: Point<Base>) -> Option<f64> {
         Some(self.present.as_ref()?.nearest(self.place.inverse() * point).1)

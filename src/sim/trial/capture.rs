@@ -150,10 +150,10 @@ mod tests {
         rows.filter(|&row| scan.point(column, row).is_none()).count() as f64 / count
     }
 
-    /// Calculated by hand, as in `projector`: ±40 mm, 600 mm in front of the lens and 100 mm in front of the plate,
-    /// hides the plate to the right of x = −46.67 mm. Its shadow begins at −65.61: 18.95 mm or 48.3 px; 18.5 mm by
-    /// (1) there. On the right there is no shadow. Up and down, at x = 0, the light ends 0.30769 · 698.44 = 214.9
-    /// mm from the middle.
+    /// Calculated by hand, as in `projector`: an object of ±40 mm, 600 mm in front of the lens and 100 mm in front of
+    /// the plate, hides the plate to the right of x = −46.67 mm. Its shadow begins at −65.61: 18.95 mm or 48.3 px;
+    /// equation (1) there gives 18.5 mm. On the right there is no shadow. Up and down, at x = 0, the light ends
+    /// 0.30769 · 698.44 = 214.9 mm from the middle.
     #[test]
     fn a_thing_before_a_wall_throws_a_shadow_away_from_the_projector() {
         let trial = Trial::good(1, 1);

@@ -18,8 +18,8 @@ use nalgebra::{Point3, Vector2};
 
 /// Half the holder's size along and across the panel's edge, mm.
 const HOLDER_HALF_MM: [f64; 2] = [32.0, 45.0];
-/// Distance of the holder behind the panel's surface, mm, with no step of depth; `HOLDER_UNDER_MM` is how far it
-/// reaches under the panel's edge.
+/// Distance of the holder behind the panel's surface, mm: so small that the scan shows no step of depth;
+/// `HOLDER_UNDER_MM` is how far the holder reaches under the panel's edge.
 const HOLDER_BEHIND_MM: f64 = 0.15;
 const HOLDER_UNDER_MM: f64 = 1.5;
 /// Width that a person marks beside the holder, mm; `MARKED_ACROSS_MM` is the width on each side of the edge.
@@ -69,23 +69,26 @@ impl Trial {
         Trial { taught_marks: marks.clone(), present_marks: marks, ..self }
     }
 
-    /// The same, but the panel that is present has mirrored marks.
+    /// Returns the same panel with marks on it, but with the mirrored marks on the panel that is present.
     pub(super) fn with_mirrored_marks(self) -> Trial {
         let marked = self.marked();
         Trial { present_marks: marked.taught_marks.as_ref().map(Marks::mirrored), ..marked }
     }
 
-    /// The same panel scanned by a camera with a smooth error that is similar within squares of this side, mm.
+    /// Returns the same panel, scanned by a camera with a smooth error that is correlated within squares of this side,
+    /// mm.
     pub fn alike_over(self, alike_mm: f64) -> Trial {
         Trial { alike_mm: Some(alike_mm), ..self }
     }
 
-    /// The same panel scanned by a camera that measures distances too long by these shares, at teaching and now.
+    /// Returns the same panel, scanned by a camera that measures distances too long by these fractions, at teaching
+    /// and now.
     pub fn with_scale(self, scale: [f64; 2]) -> Trial {
         Trial { scale, ..self }
     }
 
-    /// The holder of a panel at this pose, at its longest side or at the side after that.
+    /// The holder of a panel at this pose: at the panel's longest side or, if the holder was moved, at the second
+    /// longest side.
     pub(super) fn holder(&self, base_from_panel: &Rigid<Base, Panel>, is_moved: bool) -> Option<Slab> {
         if !self.is_held {
             return None;
@@ -157,8 +160,8 @@ fn sides(shape: &Shape) -> impl Iterator<Item = Side> {
 mod tests {
     use super::*;
 
-    /// A third of a good scan's points on the panel are missing, and the holder continues at the end of the panel,
-    /// without a step.
+    /// A third of a good scan's points on the panel are missing, and the holder continues the panel's surface beyond
+    /// its end, without a step.
     #[test]
     fn a_held_dark_panel_has_patches_and_no_step_at_its_holder() {
         let trial = Trial::flat(3, 4).held().patchy(0.33);

@@ -1,5 +1,5 @@
-//! Bright discs printed on a trial's panel, as on the dark plate of public scans: their light is seen and measured,
-//! while the dark surface around them gives hardly a point.
+//! Bright discs printed on a trial's panel, as on the dark plate of public scans: the camera sees and measures them,
+//! while it measures hardly a point of the dark surface around them.
 
 use super::space::lattice;
 use crate::sim::appearance::Color;

@@ -58,13 +58,13 @@ pub struct Trial {
     /// The print on the taught panel, and on the panel that is present.
     taught_marks: Option<Marks>,
     present_marks: Option<Marks>,
-    /// The length over which the scanner's smooth error is similar, mm, if it is not the usual one.
+    /// The correlation length of the scanner's smooth error, mm, if it is not the usual one.
     alike_mm: Option<f64>,
     /// Scale error of the scanner's distances, at teaching and now: positive if they are too long.
     scale: [f64; 2],
     /// A second panel of the same kind.
     twin: Option<Rigid<Base, Panel>>,
-    /// The holder is at a side other than at teaching.
+    /// Whether the holder is at a side other than at teaching.
     is_holder_moved: bool,
 }
 
@@ -160,7 +160,7 @@ impl Trial {
         self.middle_px(0.4)
     }
 
-    /// The distance between the panel's surface at a found place and the true surface.
+    /// The distance between the panel's surface at a found pose and the true surface.
     pub fn error_mm(&self, found: &Rigid<Base, Panel>) -> PlacementError {
         let points = lattice(&self.taught);
         let errors = points.iter().map(|&at| self.place.distance_at_mm(*found, self.taught.point(at)));
@@ -203,7 +203,7 @@ impl Trial {
     }
 }
 
-/// Of two scans of one view, the nearer points; if one has no point, the other's point.
+/// Combines two scans of one view: at each pixel the nearer point, or the only one if a scan has no point there.
 fn before(scan: OrganizedCloud<Camera>, other: OrganizedCloud<Camera>) -> OrganizedCloud<Camera> {
     let count = scan.width() * scan.height();
     let depth = |cloud: &OrganizedCloud<Camera>, index: usize| {
@@ -223,8 +223,8 @@ fn before(scan: OrganizedCloud<Camera>, other: OrganizedCloud<Camera>) -> Organi
 mod tests {
     use super::*;
 
-    /// A good panel is in the box, in front of the fixture, and most of it is seen; the scan has points at its
-    /// place.
+    /// A good panel is in the box, in front of the fixture, and most of its surface is seen; the scan has points at
+    /// its position.
     #[test]
     fn good_trials_are_good() {
         for seed in 0..6 {

@@ -103,7 +103,7 @@ impl Trial {
         lattice.iter().all(is_inside) && self.faces(place, lattice)
     }
 
-    /// The share of these places of a panel at this pose that the camera or the projector does not see.
+    /// Returns the share of these points of a panel at this pose that the camera or the projector does not see.
     pub(super) fn hidden_at(&self, place: &Rigid<Base, Panel>, lattice: &[[f64; 2]]) -> f64 {
         let base_from_camera = scene::base_from_camera();
         let camera_from_base = base_from_camera.inverse();
@@ -120,7 +120,7 @@ impl Trial {
     }
 }
 
-/// Is a slab between the eye and the end of a ray?
+/// Returns whether a slab is between the eye and the end of a ray.
 fn is_before(slab: &Slab, eye: &Point3<f64>, ray: &Vector3<f64>) -> bool {
     let length_mm = ray.norm();
     let met = slab.look(eye, &(ray / length_mm), 1e-6);

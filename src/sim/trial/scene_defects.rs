@@ -44,7 +44,7 @@ pub enum Wrong {
     /// The panel moved during the scan: the picture is smeared.
     #[strum(serialize = "moved while scanned")]
     Smeared,
-    /// Two panels of its kind are present.
+    /// Two panels of the same kind are present.
     #[strum(serialize = "two panels")]
     TwoPanels,
     /// A flat panel, equal to its mirror image, that has the marks of its mirror image.

@@ -63,7 +63,7 @@ fn a_rebirth_tells_everything_again_under_the_same_number() {
     assert_eq!(published(&acts)[0].1.seq, Some(1), "and on it goes");
 }
 
-/// Every other message has no effect, and its line states why.
+/// Every other message has no effect, and its line in the audit trail states why.
 #[test]
 fn other_messages_are_refused() {
     let stop = NodeCommand::Stop.name();
@@ -97,8 +97,8 @@ fn other_messages_are_refused() {
     assert!(why.len() < 1_000 && !why.contains('\u{1b}'), "{why}");
 }
 
-/// A command that the broker retained may be from yesterday. The other topics are not subscribed: such a message is
-/// the broker's own idea.
+/// A command that the broker retained may be from yesterday. The other topics are not subscribed: a message on one of
+/// them was sent by a faulty broker.
 #[test]
 fn a_broker_that_lies_is_not_believed() {
     let payload = yes(NodeCommand::Stop.name());

@@ -108,7 +108,8 @@ fn a_birth_has_everything() {
     }
 }
 
-/// Only changed values, under their alias alone; nothing if nothing changed.
+/// A data message contains only changed values, each under its alias without a name; if nothing changed, there is no
+/// message.
 #[test]
 fn data_are_what_changed() {
     let mut node = born(false);
@@ -185,8 +186,8 @@ fn host_says(node: &mut EdgeNode, text: &str, ms: u64) -> Vec<NodeAction> {
     node.step(Event::Received { topic: "spBv1.0/STATE/scada", payload, is_retained: true }, at(ms))
 }
 
-/// Nothing is published before the primary host is online; if it goes offline the node dies and connects anew. A
-/// statement of an earlier connection of the host does not count.
+/// Nothing is published before the primary host is online; if it goes offline, the node publishes its death and
+/// connects anew. A statement of an earlier connection of the host does not count.
 #[test]
 fn the_primary_host_is_waited_for() {
     let mut node = node(Some("scada"), false, true);
@@ -235,7 +236,8 @@ fn what_no_host_says_is_refused() {
     }
 }
 
-/// Names also differ for a host that does not distinguish small from capital letters, and they form no topic.
+/// The names also differ for a host that ignores upper and lower case, and none of them is the name of a command or of
+/// the connection number.
 #[test]
 fn names_are_told_apart() {
     let names: Vec<_> = METRICS.iter().map(|one| one.name.to_lowercase()).collect();

@@ -5,7 +5,7 @@ use super::{at, metric, node, published, shown};
 use proptest::prelude::*;
 use prost::Message as _;
 
-/// A step of a walk.
+/// A step of a random walk.
 #[derive(Debug, Clone)]
 enum Step {
     Connect,
@@ -134,12 +134,12 @@ proptest! {
                 prop_assert!(!with_host || online || kind == "NDEATH", "{kind} without its host");
                 host.hears(&kind, &payload);
             }
-            // At each look a listening host has every value.
+            // Each time the cell's values are read, a host that receives the messages has every value.
             if host.born && matches!(step, Step::See(_)) {
                 let word = METRICS.iter().position(|one| one.name == "State/word").expect("it is there");
                 let told = host.values[word].clone();
                 let lags = told != seen.map(|state| Wire::Text(state.to_owned()));
-                // Data are retained only by a rebirth that waits for its time.
+                // Data are held back only while a rebirth waits for its time.
                 prop_assert!(!lags || node.waits_for_rebirth());
             }
             if ends || acts.contains(&NodeAction::Disconnect) {

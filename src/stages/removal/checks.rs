@@ -21,7 +21,7 @@ pub struct RemovedBefore {
 }
 
 impl RemovedBefore {
-    /// The total of earlier cycles, if there were any.
+    /// Returns the checks of the removal by earlier cycles, if there were any.
     pub(super) fn checks(&self, asked: &recipe::Removal) -> Vec<Check> {
         let before = Check::new("removed in earlier cycles of this part, upper 95 % bound", "µm", self.bound_um);
         let unknown = Check::new(
@@ -43,7 +43,7 @@ impl RemovedBefore {
     }
 }
 
-/// The recipe asks for removal, and the disc's removal is not known.
+/// Returns a failed check if the recipe asks for removal but the disc's removal is not known.
 pub fn unknown(recipe: &Recipe, tool: ToolState) -> Option<Check> {
     let stated = recipe.removal().filter(|_| tool.removal.is_none())?;
     let check =

@@ -18,7 +18,7 @@ pub fn moves(all: &[Waypoint], asked: &recipe::Removal, settings: &recipe::Path)
         .collect()
 }
 
-/// Shares of the way in contact on which the feed could not be scheduled as wanted, 0…1.
+/// Shares of the path in contact on which the feed could not be scheduled as wanted, 0…1.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct AtBounds {
     /// At `min_feed_mm_s`.

@@ -12,7 +12,8 @@ fn tool(removal: Option<Model>) -> ToolState {
     ToolState { error_mm: None, worn_mm2: 0.0, removal, stroke_mm: None, in_air: false }
 }
 
-/// Returns the verdict's codes and the number of a check, for a plan over the middle grid inside a ball.
+/// Returns the verdict, the codes of its reasons, and the checks, for a plan over the middle grid of a panel that is
+/// the inside of a sphere.
 fn planned(removal: &str, known: Option<Model>, before: RemovedBefore) -> (Verdict, Vec<String>, Vec<Check>) {
     let recipe = recipe(Shape::Sphere, &format!("[path]\nfeed_mm_s = 120\n{removal}"));
     let panel = taught(Shape::Sphere, Spoil::default(), &recipe);
@@ -125,8 +126,8 @@ fn what_an_air_run_would_remove_is_no_reason() {
     }
 }
 
-/// By hand: k·p is proportional to the force, so half of the force on the way removes half; without a measurement
-/// the recipe's force counts.
+/// By hand: k·p is proportional to the force, so half of the force along the path removes half as much; without a
+/// measurement the recipe's force counts.
 #[test]
 fn the_force_that_was_measured_counts() {
     let recipe = recipe(Shape::Sphere, &format!("[path]\nfeed_mm_s = 120\n{TABLE}"));

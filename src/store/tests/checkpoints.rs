@@ -1,4 +1,5 @@
-//! A start reads the journal from its last checkpoint on, with the same result as from the whole journal.
+//! A start reads the journal from its last checkpoint on, with the same result as a start that reads the whole
+//! journal.
 
 use super::evidence::{behind_its_back, store_in, verify};
 use super::journal::progress;

@@ -120,8 +120,8 @@ fn start_of(serial: &str, another: bool) -> CycleStart {
     start
 }
 
-/// By serial number, without regard to blanks and case, and by a person's statement. A result of one part ends no
-/// count of another.
+/// Abrasions are counted for one part, which is identified by its serial number, without regard to blanks and case,
+/// and by a person's statement. A result of one part does not end the count of another part.
 #[test]
 fn a_count_is_of_one_part_and_falls_by_nothing_else() {
     let (_folder, mut store) = new_store();

@@ -74,7 +74,7 @@ fn a_cycle_comes_back_whole_and_to_the_bit() {
     let codes: Vec<&str> = judgement.reasons.iter().map(|reason| &*reason.code).collect();
     assert_eq!((judgement.verdict, codes), (Verdict::Review, vec!["overlap", "passes"]), "no person decided");
     assert!(record.started_unix_s > 1_700_000_000 && record.ended_unix_s >= Some(record.started_unix_s));
-    // The bytes of the inputs are found with the record only.
+    // The bytes of the inputs are found by the record alone.
     assert_eq!(store.blob(&record.recipe_hash).expect("kept"), start().recipe_text.as_bytes());
     let files: Vec<_> =
         record.files.iter().map(|file| (file.name.as_str(), store.blob(&file.hash).expect("kept"))).collect();

@@ -46,8 +46,8 @@ pub fn verify(folder: &TempDir) -> Verified {
     Store::verify(&store_in(folder), true).expect("verified")
 }
 
-/// Changes the database as another program would; the tests do not count the hash of the database file, which also
-/// shows the change.
+/// Changes the database as another program would; the tests ignore the hash of the database file, which also shows the
+/// change.
 pub fn behind_its_back(folder: &TempDir, sql: &str) {
     let connection = Connection::open(store_in(folder).join(DATABASE)).expect("opens");
     connection.pragma_update(None, "foreign_keys", "OFF").expect("set");
@@ -91,7 +91,7 @@ fn a_store_that_nobody_touched_is_whole() {
     assert_eq!(verify(&folder).found, [] as [String; 0]);
 }
 
-/// Each with a word that the finding must contain.
+/// Each change has a word that the finding must contain.
 #[test]
 fn every_deletion_edit_and_exchange_is_named() {
     let exchange =
@@ -140,7 +140,7 @@ fn every_deletion_edit_and_exchange_is_named() {
     }
 }
 
-/// A person who can link rows still does not have the head outside.
+/// A person who can write the chain anew still does not have the head outside of the database.
 #[test]
 fn a_chain_that_was_written_anew_contradicts_its_head() {
     let folder = whole();
@@ -236,7 +236,7 @@ fn a_store_without_a_chain_is_taken_into_one() {
                     DROP TABLE outbox; DROP TABLE outbox_epochs; PRAGMA user_version = 5";
     behind_its_back(&folder, drop_all);
     let path = store_in(&folder);
-    // A head that contradicts it shows that it was rolled back, not left by an earlier program.
+    // A head that contradicts the store shows that the store was rolled back, and was not left by an earlier program.
     let store = Store::create(&path).expect("opens");
     assert!(store.changed().iter().any(|words| words.contains("rolled back")), "{:?}", store.changed());
     drop(store);

@@ -83,7 +83,7 @@ fn the_journal_goes_on_where_the_disk_is_full() {
     let recovered = store.recover().expect("recovers");
     assert!(store.is_disk_full());
     drop(store);
-    // And a start without any space: an error that reports this, each time, and no damage.
+    // A start without any space gives an error that reports this, each time, and causes no damage.
     disk.fill();
     for _ in 0..40 {
         match Store::create(&path) {

@@ -64,7 +64,7 @@ impl Walk {
         }
     }
 
-    /// Executes the table's step and stores the effects that wait for time.
+    /// Executes the state machine's step and stores the events that wait for their time.
     fn step(&mut self, event: Event) -> Vec<Effect> {
         let (state, effects) = step(self.state, event);
         self.state = state;
@@ -113,8 +113,8 @@ impl Loop {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
-    /// For all events and wherever the process ended, the store folds to the table's own state, and its rows of
-    /// motions and cycles agree with the journal.
+    /// For all events and wherever the process ended, the store folds to the state machine's own state, and its rows
+    /// of motions and cycles agree with the journal.
     #[test]
     fn what_is_appended_folds_as_in_memory(
         surprises in prop::collection::vec(0_u8..40, 1..160),

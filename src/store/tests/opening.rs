@@ -46,7 +46,7 @@ fn a_store_of_the_first_schema_keeps_its_panels_and_gets_the_new_tables() {
     drop(reader);
     let store = Store::create(&path).expect("the same store");
     assert_eq!(store.taught("wing", Some(&version)).expect("there").teaching, teaching("wing"));
-    // Rows from before the chain were not written by it.
+    // The head of the newer store contradicts the older tables: the journal states that the store was changed.
     assert_eq!(store.journal().expect("a journal"), [Event::Reported(Report::StoreChanged)]);
     let found: i64 =
         store.connection.pragma_query_value(None, "user_version", |row| row.get(0)).expect("a version");

@@ -137,7 +137,7 @@ fn the_parts_of_an_earlier_programs_store_are_found_reading_and_after_it_is_rais
     assert_eq!(Store::verify(&path, true).expect("verified").found, [] as [String; 0]);
 }
 
-/// The table is an index: a change in it is detected by comparison with the text that counts.
+/// The table is an index: a change in it is detected by comparison with the authoritative text.
 #[test]
 fn a_part_that_was_changed_is_named() {
     for (sql, words) in [

@@ -99,8 +99,8 @@ fn a_person_signs_a_record_once_for_each_meaning() {
     assert_eq!(found(&path), [] as [String; 0]);
 }
 
-/// A person who knows the program writes its chain and head anew over changed rows: the signed records contradict
-/// them.
+/// If a person who knows the program writes the chain and the head anew for changed rows, the signed records
+/// contradict these rows.
 #[test]
 fn rows_changed_with_their_chain_contradict_what_was_signed() {
     let (_folder, path) = signed();

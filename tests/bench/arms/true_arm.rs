@@ -1,5 +1,5 @@
-//! The true arm: a chain of Denavit–Hartenberg frames with numbers that are off, axes that yield under the weight
-//! of the links, and gears that err with the angle.
+//! The true arm: a chain of Denavit–Hartenberg frames with parameters that have errors, axes that yield under the
+//! weight of the links, and gears that err with the angle.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use panelprep::cell::ArmGeometry;
@@ -37,8 +37,8 @@ pub struct TrueArm {
     gears: [(f64, f64, f64); 6],
 }
 
-/// Mass of the parts that hang on axes 2, 3 and 5, kg, and the place of its middle along them, as a share of their
-/// length.
+/// Mass of the parts that hang on axes 2, 3 and 5, kg, and the position of its centre along these parts, as a share of
+/// their length.
 const MASSES_KG: [f64; 3] = [9.0, 8.0, 5.0];
 
 impl TrueArm {
@@ -84,7 +84,7 @@ impl TrueArm {
         arm
     }
 
-    /// The true place of the flange.
+    /// The true pose of the flange.
     pub fn base_from_flange(&self, joints: &Joints) -> Isometry3<f64> {
         let all = joints.degrees();
         let g = &self.geometry;

@@ -23,8 +23,8 @@ const WATCHDOG_MS: f64 = 400.0;
 const WIRE_MS: f64 = 100.0;
 /// Time that two shared cores may add, because threads of a dozen processes wait for one another, ms.
 const SHARED_MS: f64 = 400.0;
-/// Time limit for a stop. The client notices a lost abort after its watchdog's time. Then it hangs up, or the
-/// controller's watchdog notices that its messages are missing.
+/// Time limit for a stop. The client notices a lost abort after its watchdog's time. Then the client closes the
+/// connection, or the controller's watchdog notices that its messages are missing.
 pub const STOP_MS: f64 = WIRE_MS + WATCHDOG_MS + WATCHDOG_MS + SHARED_MS;
 /// Time from one state to the next, which come every 100 ms.
 const STATE_MS: f64 = 112.0;

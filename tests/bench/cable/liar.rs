@@ -7,7 +7,7 @@ use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Number of messages of each way that are remembered.
+/// Number of messages in each direction that are remembered.
 const REMEMBERED: usize = 40;
 /// Text between messages that neither a controller nor the service would send.
 const GARBAGE: [&[u8]; 6] = [b"xyz", b"<a/>", b"</St>", b"<", b"\xff\xfe<", b"<!DOCTYPE a [<!ENTITY b \"c\">]>"];
@@ -39,7 +39,7 @@ struct Inside {
     draw: Draw,
     /// Bytes of an old connection that are sent first on the next connection.
     replayed: Option<(Way, Vec<u8>)>,
-    /// No connection is accepted until then.
+    /// Time until which no connection is accepted.
     refused_until: [Option<Instant>; 2],
 }
 

@@ -109,16 +109,16 @@ pub enum Change {
 pub struct Lie {
     pub kind: Kind,
     pub way: Way,
-    /// Both channels, if that makes a difference.
+    /// Whether both channels are affected, if that makes a difference.
     pub both: bool,
-    /// The longest time for which it is sent, and the number of times.
+    /// The longest time for which the lie is sent, ms; the next field is the number of times that it is sent.
     pub lasts_ms: u64,
     pub times: u64,
     /// The length of a delay or a pause, ms.
     pub amount_ms: u64,
     pub field: &'static str,
     pub change: Change,
-    /// Whether the message's counts continue as they should; without this it is the other form of the same lie.
+    /// Whether the message's counts continue as they should; if not, the lie has its other form.
     pub counts_go_on: bool,
     /// Whether the lie changes only the requests that stop or open an epoch.
     pub of_orders: bool,
@@ -242,7 +242,7 @@ impl Lie {
             Kind::Stall | Kind::BlackHole => draw.choose(&[150, 300, 390, 500, 1_000, 2_500]),
             Kind::Refuse => draw.choose(&[300, 1_500, 4_000]),
             Kind::Frozen | Kind::Clock => draw.choose(&[250, 600, 1_500, 4_000]),
-            // Until it has been sent this number of times.
+            // The lie lasts until it has been sent this number of times.
             _ if times < u64::MAX => 5_000,
             _ => draw.choose(&[1_000, 2_000, 3_000]),
         };

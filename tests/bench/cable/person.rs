@@ -10,11 +10,11 @@ use std::fs;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Interval between two looks at the cell.
+/// Interval between two queries of the cell's state.
 pub const POLL_INTERVAL: Duration = Duration::from_millis(60);
-/// A cycle that continues after the lie has ended within this.
+/// Time limit for a cycle that continues after the lie.
 const REST_TIMEOUT: Duration = Duration::from_secs(110);
-/// After the lie and the cycle in which it was sent, a person has started the next cycle within this.
+/// Time limit for a person to start the next cycle, after the lie and the cycle in which the lie was sent.
 const RECOVERY_TIMEOUT: Duration = Duration::from_secs(45);
 /// An honest cycle.
 const CYCLE_TIMEOUT: Duration = Duration::from_secs(110);
@@ -118,7 +118,7 @@ impl<'c> Person<'c> {
         self.order(&json!({ "ask": "start", "recipe": recipe, "text": text, "part": part }))
     }
 
-    /// Looks until this holds; returns false if it takes too long.
+    /// Queries the state until this condition holds; returns false if this takes too long.
     pub fn until(&mut self, patience: Duration, holds: impl Fn(&ServiceState) -> bool) -> Result<bool, String> {
         let since = Instant::now();
         while since.elapsed() < patience {
@@ -131,7 +131,7 @@ impl<'c> Person<'c> {
         Ok(false)
     }
 
-    /// Sends the request with which a person, in a state of rest, gets the next cycle started.
+    /// Sends the request with which a person leads the cell from a state of rest to the next cycle.
     pub fn proceed(&mut self, word: &str, film: [&str; 2]) -> Result<(), String> {
         match word {
             "aborted" => self.clear().map(drop),
@@ -157,7 +157,7 @@ impl<'c> Person<'c> {
         }
     }
 
-    /// Waits until the requested abort is at its end.
+    /// Waits until the requested abort is complete.
     pub fn until_aborted(&mut self) -> Result<(), String> {
         self.until(REST_TIMEOUT, |look| look.word == "aborted").map(drop)
     }

@@ -1,4 +1,4 @@
-//! Tests the judges: the controller's reports are changed before the judges hear them, so that each judge must find
+//! Tests the judges: the controller's reports are changed before the judges receive them, so that each judge must find
 //! something.
 
 use super::message;
@@ -13,7 +13,7 @@ pub enum Tried {
     Stop,
     /// The tool continues to run.
     Tool,
-    /// The arm stays at the place where it was stopped.
+    /// The arm stays at the position at which it was stopped.
     Retract,
     /// The last waypoints were not executed.
     Pass,
@@ -33,7 +33,7 @@ impl Tried {
         }
     }
 
-    /// Returns the events that the judges hear.
+    /// Returns the events that the judges receive.
     pub fn changed(self, mut events: Vec<Event>) -> Vec<Event> {
         let (mut before, mut crept_deg) = (String::new(), 0.0);
         let states = events.iter_mut().filter(|event| event.side == Side::True && event.text.contains("<St "));

@@ -1,5 +1,5 @@
-//! The true events, on the controller's side of the lie: the states as it sent them, the commands and requests as
-//! they reached it. Also the service's messages, before any of them was changed.
+//! The true events, on the controller's side of the lie: the states as the controller sent them, and the commands and
+//! requests as they reached the controller. The service's messages are also included, as they were before any change.
 
 use super::message;
 use std::collections::BTreeMap;

@@ -37,7 +37,7 @@ fn length(file: usize, draw: &mut Pcg64) -> usize {
     (draw.random_range(0.0..=most).exp2() as usize).clamp(1, file)
 }
 
-/// Returns a random block, as disks and packets damage them.
+/// Returns a random block, such as the blocks that disks and packets damage.
 fn block<'b>(bytes: &'b mut [u8], draw: &mut Pcg64) -> &'b mut [u8] {
     let length = length(bytes.len(), draw);
     let at = draw.random_range(0..=bytes.len() - length);

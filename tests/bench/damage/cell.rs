@@ -36,7 +36,7 @@ pub enum Found {
     Passed,
 }
 
-/// A corner's picture, and the place of its flange.
+/// A corner's picture, and the pose of the flange at this picture.
 struct CornerFile {
     png: Vec<u8>,
     picture: ColorPicture,

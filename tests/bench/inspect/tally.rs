@@ -12,7 +12,7 @@ use std::time::Duration;
 pub const CONTRAST_TO_NOISE: f64 = 10.0;
 /// The damp brightness that the recipes allow, as a share.
 const DAMP: f64 = 0.8;
-/// … and a grid, if this share of it has contrast.
+/// … and a grid has contrast if this share of its places has contrast.
 const CONTRAST_SHARE: f64 = 0.95;
 
 /// The ground truth of a clip; masks and values are those of its pictures' pixels.
@@ -71,7 +71,7 @@ const CLEAN_NOT_SEEN: f64 = 0.03;
 const IOU: f64 = 0.95;
 const TIMELY: f64 = 0.95;
 
-/// Numbers of all clips of one renderer.
+/// Statistics of all clips of one renderer.
 #[derive(Debug, Default)]
 pub struct Tally {
     clips: usize,

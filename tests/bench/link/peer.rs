@@ -6,7 +6,7 @@ use std::net::{TcpListener, TcpStream};
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
-/// Priority of the peer's threads, before the bench's loads like that of the link itself.
+/// Priority of the peer's threads: above the bench's loads, as the priority of the link itself.
 const INSTRUMENT_NICE: i32 = -10;
 
 #[derive(Default)]
@@ -32,7 +32,7 @@ impl Peer {
             let port = listener.local_addr().expect("bound").port();
             let inside = inside.clone();
             std::thread::spawn(move || {
-                // The instrument must not measure itself. If the priority is not permitted, it does.
+                // The peer must not measure its own delays. If the priority is not permitted, it does measure them.
                 let _ = rustix::process::setpriority_process(None, INSTRUMENT_NICE);
                 for stream in listener.incoming().map_while(Result::ok) {
                     // Serving ends when the client disconnects; the client connects again.

@@ -1,5 +1,5 @@
-//! Time from an abort at one of the service's front ends to the frame at the controller. The abort comes through
-//! the socket while two hundred clients do harm, or from the operator's page while others look on.
+//! Time from an abort at one of the service's front ends to the frame at the controller. The abort comes through the
+//! socket while two hundred hostile clients use it, or from the operator's page while others watch it.
 
 use super::peer::Peer;
 use crate::clients::harass;
@@ -140,7 +140,7 @@ impl Served {
         Served { peer, hangs, sender, gateway, folder, supervisor, service }
     }
 
-    /// Measures the time of each abort until its frame; `ask` sends a word to a front and returns its answer.
+    /// Measures the time of each abort until its frame; `ask` sends a word to a front end and returns the answer.
     fn timed(&self, trials: usize, ask: impl Fn(&str) -> String, is_done: impl Fn(&str) -> bool) -> Vec<Duration> {
         let mut found = Vec::with_capacity(trials);
         for _ in 0..trials {
@@ -181,7 +181,7 @@ pub fn aborts(trials: usize) -> (Vec<Duration>, usize) {
     (found, done.load(Ordering::Relaxed))
 }
 
-/// Returns the time of each abort at the socket while the disk hangs under its line in the journal.
+/// Returns the time of each abort at the socket while the disk hangs as the abort's line is written to the journal.
 pub fn aborts_on_a_hanging_disk(trials: usize) -> Vec<Duration> {
     let served = Served::start();
     let path = served.folder.path().join("socket");
@@ -255,7 +255,7 @@ fn http(address: &str, method: &str, path: &str) -> String {
     answer
 }
 
-/// Returns the time of each abort on the page while this number of viewers look on; one more opens a connection and
+/// Returns the time of each abort on the page while this number of viewers watch it; one more opens a connection and
 /// reads nothing.
 pub fn aborts_on_the_page(trials: usize, viewers: usize) -> Vec<Duration> {
     let served = Served::start();

@@ -1,7 +1,7 @@
-//! Panels that have developed bows and waves since they were taught. Is the right panel accepted although it is
-//! bent? Does the path on today's surface lie on the true surface, and within the stated error? One of three panels
-//! has a camera whose distances are too long or too short, with only the maker's figure known. Far from the taught
-//! place such a pose is for a person, bent or not.
+//! Panels that have developed bows and waves since they were taught. Is the right panel accepted although it is bent?
+//! Does the path on today's surface lie on the true surface, and within the stated error? One of three panels has a
+//! camera whose distances are too long or too short, with only the maker's figure known. Far from the taught pose a
+//! person must decide on such a pose, whether the panel is bent or not.
 
 use super::goal::Figure;
 use super::{RIGHT_MM, Tried, located_with, quantile, range_errors, reduction, row, share, shared};

@@ -15,7 +15,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::ops::RangeInclusive;
 
-/// Lengths over which a smooth error stays similar, mm.
+/// Correlation lengths of the smooth error, mm.
 const ALIKE_MM: [f64; 4] = [30.0, 65.0, 120.0, 200.0];
 /// The simulator's smooth error, standard deviation: 0.06 mm at the nodes of its lattice, 26/35 of that overall.
 const SMOOTH_MM: f64 = 0.06 * 26.0 / 35.0;
@@ -23,12 +23,12 @@ const SMOOTH_MM: f64 = 0.06 * 26.0 / 35.0;
 /// scan to scan.
 const SCALE: f64 = 0.000_5;
 const BETWEEN_SCANS: f64 = 0.0001;
-/// The share of accepted poses that is within the stated error. Less is a broken promise; more is a statement that
-/// is too cautious.
+/// The share of accepted poses that is within the stated error. A smaller share means that the stated error is too
+/// small, a larger share that it is too cautious.
 const STATED: RangeInclusive<f64> = 0.9..=1.0;
 
-/// Runs each length on both kinds of panel with these seeds, or only rows whose words contain `CORRELATED`. Returns
-/// the number of missed targets.
+/// Runs each length on both kinds of panel with these seeds, or only rows whose text contains the value of
+/// `CORRELATED`. Returns the number of missed targets.
 pub fn errors(seeds: RangeInclusive<u64>) -> usize {
     let asked = std::env::var("CORRELATED").unwrap_or_default();
     let kinds: [(&str, fn(u64, usize) -> Trial); 2] = [("bent", Trial::good), ("flat", Trial::flat)];
@@ -74,8 +74,9 @@ pub fn errors(seeds: RangeInclusive<u64>) -> usize {
     missed + kinds.into_iter().map(scaled).sum::<usize>()
 }
 
-/// A camera whose distances are too long by a share that is the same in all its scans, and by another share of each
-/// scan. Its mount was measured with the same camera at the panel's taught place, so the first share cancels there.
+/// A camera whose distances are too long by a fraction that is the same in all its scans, and by a second fraction
+/// that differs from scan to scan. Its mount was measured with the same camera at the panel's taught place, so the
+/// first fraction cancels there.
 fn scaled(kind: &str, trial: fn(u64, usize) -> Trial, seeds: &RangeInclusive<u64>) -> usize {
     let range = RangeErrors {
         scale: SCALE,
@@ -103,7 +104,7 @@ fn scaled(kind: &str, trial: fn(u64, usize) -> Trial, seeds: &RangeInclusive<u64
     stated(&words, trials, range).missed
 }
 
-/// Returns a random share with this standard deviation, from a uniform distribution.
+/// Returns a random number with this standard deviation, from a uniform distribution.
 fn drawn(random: &mut Pcg64, deviation: f64) -> f64 {
     deviation * 3.0_f64.sqrt() * random.random_range(-1.0..1.0)
 }

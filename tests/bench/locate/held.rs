@@ -1,5 +1,5 @@
-//! Panels as in real scans: held by an object in their own plane, with a third of their points missing in patches
-//! that differ from scan to scan, bent or flat. With and without a person's information in the recipe.
+//! Panels as in real scans: held by an object in their own plane, with a third of their points missing in patches that
+//! differ from scan to scan, bent or flat. They are tried with and without a person's information in the recipe.
 
 use super::goal::Figure;
 use super::{RIGHT_MM, Tried, reduction, row, share, shared, tried_with, words};
@@ -9,7 +9,7 @@ use std::ops::RangeInclusive;
 
 /// Share of the panel without points.
 const MISSING: f64 = 0.33;
-/// Share that is accepted, of scenes with keys and without missing points.
+/// Minimum accepted share of the scenes with keys and without missing points.
 const ACCEPTED: f64 = 0.9;
 /// The same share with a third of the points missing at teaching and another third missing now. For the other
 /// scenes a person must decide.
@@ -107,7 +107,8 @@ pub(super) fn keys(trial: &Trial, said: PriorKnowledge) -> String {
     keys
 }
 
-/// Runs each kind over these seeds, or only those whose words contain `HELD`. Returns the number of missed targets.
+/// Runs each kind over these seeds, or only those whose text contains the value of `HELD`. Returns the number of
+/// missed targets.
 pub fn scenes(seeds: RangeInclusive<u64>) -> usize {
     let mut missed = 0;
     let asked = std::env::var("HELD").unwrap_or_default();

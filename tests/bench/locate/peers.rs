@@ -1,5 +1,5 @@
-//! The same scans through this program, the thesis's method and other people's libraries: a table, and a plot of
-//! error against time.
+//! The same scans through this program, the thesis's method and third-party libraries: a table, and a plot of error
+//! against time.
 
 use super::plot::{self, Run};
 use super::{RIGHT_MM, quantile, reduction, taught, tried};
@@ -12,7 +12,7 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
 
-/// Locates in the same scans with this program, the thesis's method and other people's libraries.
+/// Localizes the panel in the same scans with this program, the thesis's method and third-party libraries.
 pub fn compared(seeds: RangeInclusive<u64>) {
     let mut runs: Vec<Run> = Vec::new();
     let folder = std::env::temp_dir().join(format!("panelprep-locate-{}", std::process::id()));

@@ -30,7 +30,7 @@ pub fn verifications(seeds: RangeInclusive<u64>) -> usize {
             TaughtPanel::learn(&cell.taught_scan(), *cell.scanner(), base_from_camera, &recipe).expect("a panel");
         let place = cell.truth().base_from_panel;
         let corners = corners(&cell, &panel, &recipe);
-        // Refined on the dry panel, from the place to which a rough localization sends the camera.
+        // The pose is refined on the dry panel, from the pose to which a rough localization sends the camera.
         let refined = look(&cell, &recipe, &corners, place, place, false);
         // Distance by which the panel is moved in its plane before the wet pictures; zero for one seed in ten.
         let length_mm = if seed % 10 == 0 { 0.0 } else { 2.0 * ((seed * 37 % 101) as f64 / 100.0) };
@@ -95,7 +95,7 @@ fn corners(cell: &Cell, panel: &TaughtPanel, recipe: &Recipe) -> Vec<Corner> {
     cell.corner_views().into_iter().enumerate().map(teach).collect()
 }
 
-/// The result of both corners for a place while the panel is at another place.
+/// Returns the result of both corners for an assumed pose, while the panel is at another pose.
 fn look(
     cell: &Cell,
     recipe: &Recipe,

@@ -1,6 +1,6 @@
-//! Edges, curvature and tilt compared with a finer reference of our own. It has still discs every 0.1 mm, each on
-//! 24 points of its orbit, with the force balanced over a square net of 0.15 mm. It shares the pad's formulas with
-//! the code under test, but none of its code.
+//! Edges, curvature and tilt compared with a finer reference of our own. It has stationary discs every 0.1 mm, each on
+//! 24 points of its orbit, with the force balanced over a square net of 0.15 mm. It shares the pad's formulas with the
+//! code under test, but none of its code.
 
 use super::goal::{Figure, larger};
 use super::scene::{FORCE_N, ORBIT, PAD, PRESTON_MM2_PER_N, bent, disc, exact_model, pose, region};

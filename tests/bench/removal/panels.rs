@@ -176,7 +176,7 @@ fn constant_plan((surface, region): (&BSplineSurface, &Region), model: &Model, t
     laid.fed(&feeds_mm_s, recipe.path())
 }
 
-/// The model that coupons by this sander give.
+/// Returns the model that results from coupons made with this sander.
 fn by_coupons(truth: &Truth, random: &mut Pcg64Mcg) -> Model {
     let tool = CouponTool { pad: PAD, orbit: ORBIT };
     let coupons: Vec<Coupon> = (0..COUPONS)
@@ -249,8 +249,8 @@ fn share_within(map: &RemovalMap) -> f64 {
     panelprep::removal::figures::Figures::share_within(map, TARGET_UM, WITHIN_PERCENT)
 }
 
-/// Returns the deepest place, µm, the share of places with a true depth within the stated limits, and the share of
-/// treated places within ±10 % of the target. The true depths are multiplied by `times` first.
+/// Returns the largest depth, µm, the share of positions with a true depth within the stated limits, and the share of
+/// the treated area within ±10 % of the target. The true depths are multiplied by `times` first.
 fn compared(expected: &RemovalMap, truth: &RemovalMap, times: f64) -> [f64; 3] {
     let (mut deepest, mut held, mut all, mut within, mut treated) = (0.0, 0.0, 0.0, 0.0, 0.0);
     for (grid, exact) in expected.grids.iter().zip(&truth.grids) {

@@ -1,8 +1,8 @@
 //! Comparison with mr-sim (PyPI) in one run: lines over a flat part and over parts of constant curvature.
 //!
-//! mr-sim adds up still discs in small steps on a net of 1 mm. Its grain's speed is the orbit's alone, and its disc
-//! stands still on the orbit; ours has the same settings. The bench compares the depth across the lane, away from
-//! the rim, where a net of 1 mm is not exact.
+//! mr-sim adds up the removal by stationary discs in small steps on a net of 1 mm. The speed of its grains is that of
+//! the orbit alone, and the rim of its disc does not move with the orbit; ours has the same settings. The bench
+//! compares the depth across the lane, away from the rim, where a net of 1 mm is not exact.
 
 use super::goal::{Figure, larger};
 use super::scene::{FORCE_N, ORBIT, PAD, PRESTON_MM2_PER_N, bent, disc, exact_model, pose, region};
@@ -97,7 +97,7 @@ fn ours(bends: [f64; 2]) -> (Vec<f64>, f64) {
     let rows = grid.depth_um.len() / grid.columns;
     let across: Vec<f64> =
         (0..rows).map(|row| f64::from(grid.depth_um[row * grid.columns + grid.columns / 2])).collect();
-    // mr-sim's places are at whole millimetres, ours at halves.
+    // mr-sim's samples are at whole millimetres, ours at halves.
     let whole = std::iter::once(across[0]).chain(across.windows(2).map(|pair| 0.5 * (pair[0] + pair[1])));
     (whole.collect(), seconds)
 }

@@ -14,7 +14,7 @@ use tempfile::TempDir;
 const PORTS: [u16; 2] = [54_606, 54_607];
 /// Ports of a copied cell.
 pub const OTHER_PORTS: [u16; 2] = [54_608, 54_609];
-/// The controller's address, where the service looks for it and where it listens.
+/// The controller's address: the service looks for the controller there, and the controller listens there.
 const HERE: IpAddr = IpAddr::V4(Ipv4Addr::LOCALHOST);
 /// The account of the clients that read the page.
 pub const VIEWER: (&str, &str) = ("viewer", "correct horse");

@@ -1,4 +1,4 @@
-//! All clients that send requests to the service, or nothing, as long as it runs.
+//! All clients of the service while it runs: those that send requests, and those that send nothing.
 
 use super::asking::{RESPONSE_TIMEOUT, ask};
 use super::cell::{Prepared, VIEWER};

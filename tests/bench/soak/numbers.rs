@@ -39,7 +39,8 @@ pub struct Period {
     most: Sample,
 }
 
-/// A number with its name, its unit and its allowed growth in an hour, if that does not follow from its size.
+/// A measured resource: its name, its unit, and its allowed growth in an hour; if no growth is given, a share of the
+/// resource's size is allowed.
 type Named = (&'static str, &'static str, Option<f64>, fn(&Sample) -> f64);
 
 impl Period {

@@ -8,11 +8,12 @@ use std::fs;
 use std::thread::Scope;
 use std::time::{Duration, Instant};
 
-/// Interval between two looks at the cell.
+/// Interval between two queries of the cell's state.
 const POLL_INTERVAL: Duration = Duration::from_millis(100);
 /// A line resets the cell itself; a person resets it if it stays complete for longer.
 const LINE_RESET_TIMEOUT: Duration = Duration::from_secs(10);
-/// Time for which a held cell rests. It adds some time to the simulated line's cycles, which take none.
+/// Time for which a held cell rests. The hold adds some time to the simulated line's cycles, which otherwise take
+/// none.
 const HOLD_TIME: Duration = Duration::from_secs(3);
 
 /// The disturbance of a cycle whose number has these remainders.

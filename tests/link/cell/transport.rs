@@ -1,4 +1,5 @@
-//! Bytes on their way: four ways, each with the delay and the pieces that the cell states, or at their end.
+//! Bytes in transit in four directions, each with the delay and the pieces that the cell states, and with the ends of
+//! connections.
 
 use super::{Cell, Insides, Watch};
 use panelprep::devices::mock;

@@ -21,8 +21,8 @@ fn both(meaning: Meaning) -> [Programs; 2] {
     })
 }
 
-/// A fault that a walk shows, in a meaning that public documents leave open: the error of the walk over the old
-/// programs.
+/// Faults that a random walk shows, each in a meaning that public documents leave open: the walk over the old programs
+/// gives this error.
 #[test]
 fn walks_show_the_faults_of_before() {
     let standard = Meaning::default();
@@ -67,8 +67,8 @@ fn comes_back(programs: Programs) -> bool {
     })
 }
 
-/// Before, only a client that had been seen was missed; a channel with a client that had not been seen stayed
-/// closed for ever.
+/// Before the repair, only the loss of a client that had been seen was noticed; a channel with a client that had not
+/// been seen stayed closed for ever.
 #[test]
 fn a_client_that_vanishes_within_a_cycle_closes_no_channel_for_good() {
     for immediate_reopen_fails in [false, true] {
@@ -77,7 +77,7 @@ fn a_client_that_vanishes_within_a_cycle_closes_no_channel_for_good() {
     }
 }
 
-/// Another program that the drives stopped stays at the place where it was stopped.
+/// If another program was stopped by the drives, it stays at the position at which it was stopped.
 #[test]
 fn a_foreign_program_is_left_alone() {
     let resets = |programs: Programs| {
@@ -266,7 +266,7 @@ const UNDONE: [Undone; 2] = [
     },
 ];
 
-/// For each fix that a walk can show, one walk fails if only this fix is undone.
+/// For each fix that a walk can show, one random walk fails if only this fix is undone.
 #[test]
 fn each_mend_is_missed_where_it_is_undone() {
     let ships = load(&texts(SHIPS));

@@ -28,25 +28,25 @@ const OFF_MM: f64 = 1.0;
 /// Outputs that the end of an epoch switches off at once.
 const HARMFUL: [u16; 2] = [2, cell::TOOL_OUTPUT];
 
-/// Outputs that are switched off at once at the end of an epoch.
+/// The events of an epoch that the client could observe.
 #[derive(Debug, Clone, Default, PartialEq)]
 struct EpochTrace {
     opened: bool,
-    /// Its last path was reported done.
+    /// Whether the epoch's last path was reported done.
     finished: bool,
     executed: Vec<Executed>,
-    /// The events of an epoch that the client could observe.
+    /// The outputs that were on before the epoch.
     before: BTreeMap<u16, bool>,
-    /// Outputs that were on before the epoch.
+    /// The changes of the outputs in the epoch, in order.
     outputs: Vec<(u16, bool)>,
-    /// The reason for its end: the first that was reported.
+    /// The reason for the epoch's end: the first reason that was reported.
     why: Option<&'static str>,
     harmful: bool,
     on_panel: bool,
     connected: bool,
 }
 
-/// The changes at the terminals, in order.
+/// The controller's terminals, which record the changes of the outputs, in order.
 #[derive(Default)]
 struct Terminals(Arc<Mutex<Vec<(u16, bool)>>>);
 

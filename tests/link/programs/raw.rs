@@ -65,7 +65,7 @@ impl Raw {
         self.controller.command_bytes(command.as_bytes());
     }
 
-    /// A line to this place of the panel, blended, with this number of points to follow.
+    /// Sends a linear motion to this position on the panel, blended, with this number of points to follow.
     pub fn line(&mut self, to_come: i32, contact: bool, [x, y, z]: [f64; 3]) {
         self.command(2, [to_come, i32::from(contact)], [1.2, 0.0], [x, y, z, 0.0, 0.0, 0.0]);
     }

@@ -151,7 +151,8 @@ const SCENES: [(&str, Scene); 24] = [
         begun && tool_off && height_mm(&raw.controller) > RETRACTED_MM
     }),
     ("another program that was selected before the controller started is not reset", |programs| {
-        // Its first cycle follows at once; later the watchdog's timer shows that it was not running.
+        // The submit interpreter's first cycle follows at once; if it came later, the watchdog's timer would show that
+        // the interpreter was not running.
         let mut programs = programs.clone();
         programs.busy_submit = true;
         let mut raw = Raw::opened(programs);
@@ -240,7 +241,7 @@ fn leaves_after_an_abort(programs: &Programs, tick: u64) -> bool {
     height_mm(&raw.controller) > RETRACTED_MM
 }
 
-/// More commands than the ring has places, then the robot program is started again: acknowledgements report the
+/// Sends more commands than the ring has places, and then starts the robot program again: acknowledgements report the
 /// true number of free places. A client accepts no other number.
 fn leaves_the_ring_free(programs: &Programs) -> bool {
     let mut raw = Raw::opened(programs.clone());

@@ -14,11 +14,11 @@ pub struct Violation {
 /// The counts of a world.
 #[derive(Debug, Clone, Default)]
 pub struct Counts {
-    /// Faults that struck, by kind and place.
+    /// Faults that struck, by kind and by state of the state machine.
     pub faults: BTreeMap<(&'static str, &'static str), u64>,
     /// Number of judgements by each judge.
     pub judged: BTreeMap<&'static str, u64>,
-    /// Number of visits to each place.
+    /// Number of visits to each state of the state machine.
     pub places: BTreeMap<&'static str, u64>,
     /// Verdicts.
     pub verdicts: BTreeMap<&'static str, u64>,

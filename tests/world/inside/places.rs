@@ -1,5 +1,5 @@
-//! The true place of the arm, independent of the reports: a person jogs it, its measured pose is off, its override
-//! is another one.
+//! The true pose of the arm, independent of the reports: a person may jog the arm, its measured pose may be wrong, and
+//! its override may be another one.
 
 use super::super::fixture::{CellContents, Fixture};
 use super::super::sabotage::Sabotage;
@@ -14,10 +14,10 @@ use std::collections::VecDeque;
 
 /// Distance from the panel within which the tip must never come in a motion by axes, mm.
 const NEAR_MM: f64 = 5.0;
-/// A state on its way, and the time of the controller's programs, ms.
+/// Delay of a state on its way, and of the controller's programs, ms.
 const OVERRIDE_MS: u64 = 300 + 250;
 const MEASURED_MS: u64 = 600;
-/// A contact path ends at once at this multiple of the deviation that a person must look at.
+/// A contact path ends at once at this multiple of the deviation that a person must review.
 const FAR_OFF_LIMITS: f64 = 4.0;
 /// The middle of the panel in its own frame, mm.
 const MIDDLE_MM: [f64; 3] = [560.0, 0.0, 360.0];
@@ -36,7 +36,7 @@ pub struct Jog {
 #[derive(Debug, Default)]
 pub struct Places {
     pub jog: Option<Jog>,
-    /// The place to which a person took the arm, and the place before.
+    /// The axis angles before a person jogged the arm, and those to which the person jogged it.
     jogged: Option<(Joints, Joints)>,
     /// The client's motions by axes.
     by_axes: VecDeque<(Epoch, CommandId)>,
@@ -48,7 +48,7 @@ pub struct Places {
 }
 
 impl Places {
-    /// The client accepts a motion by axes to send.
+    /// Notes that the client accepts a motion by axes to send.
     pub fn by_axes(&mut self, epoch: Epoch, id: CommandId) {
         self.by_axes.push_back((epoch, id));
         if self.by_axes.len() > AXIS_MOTIONS {
@@ -56,7 +56,7 @@ impl Places {
         }
     }
 
-    /// The arm's place before a person took it to its present place.
+    /// Returns the arm's axis angles before a person jogged it to its present ones.
     pub fn before_the_jog(&self, now: &Joints) -> Option<Joints> {
         self.jogged.filter(|(_, to)| to == now).map(|(from, _)| from)
     }
@@ -108,7 +108,7 @@ impl Inside {
         }
     }
 
-    /// Returns the place to which a person takes the arm; `None` if the tool would be in the panel.
+    /// Returns the pose to which a person jogs the arm; `None` if the tool would be in the panel.
     fn jogged_to(&self, jog: Jog) -> Option<Joints> {
         let (near, park) = (near_panel(f64::from(jog.height_mm))?, Fixture::get().setup.park);
         let share = f64::from(jog.percent.min(100)) / 100.0;
@@ -129,8 +129,8 @@ impl Inside {
         self.judge_measured(moved);
     }
 
-    /// No motion from an unknown place: in a motion by axes the tip is never near the panel, however the arm came
-    /// to its start.
+    /// Checks that no motion begins at an unknown pose: in a motion by axes the tip is never near the panel, however
+    /// the arm came to its start.
     fn judge_axis_motion(&mut self, moved: bool) {
         let controller = &self.cell.controller;
         let under_way = CommandId(controller.counts().1.cast_unsigned() + 1);

@@ -1,4 +1,5 @@
-//! Faults strike: each at its own place, in the link, at the controller, among people, at cameras, disk and clock.
+//! Applies the faults, each at its own place: in the link, at the controller, among people, at cameras, disk and
+//! clock.
 
 use super::super::disk;
 use super::super::link_cell::Side;
@@ -150,7 +151,7 @@ impl Inside {
     }
 }
 
-/// Returns whether the arm's place, as the client receives it, may be false: by a lie, or by an inverted bit of a
+/// Returns whether the arm's pose, as the client receives it, may be false: by a lie, or by an inverted bit of a
 /// state.
 fn may_displace_the_arm(fault: &Fault) -> bool {
     match fault {

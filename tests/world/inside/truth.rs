@@ -17,9 +17,9 @@ const SEEN_MS: u64 = 100;
 const STATE_DELAY_MS: u64 = 250;
 /// Time limit for the client to know that its epoch has ended, ms.
 const KNOWN_MS: u64 = 700;
-/// Longest time until the client gives up a silent connection, ms: after a second of silence.
+/// Longest time until the client closes a silent connection, ms: after a second of silence.
 const GIVEN_UP_MS: u64 = 1_000 + 50;
-/// Longest time until the controller gives up a silent connection, ms: after three seconds of silence.
+/// Longest time until the controller closes a silent connection, ms: after three seconds of silence.
 const PLACE_MS: u64 = 3_000 + 400;
 /// Longest duration of a controller's fault with its restart, ms.
 const FAULTY_MS: u64 = 6_000;
@@ -54,12 +54,12 @@ struct MustEnd {
 }
 
 impl Truth {
-    /// The client accepts a command to send that sets base or tool.
+    /// Notes that the client accepts a command to send that sets base or tool.
     pub fn sets_frame(&mut self, epoch: Epoch, id: CommandId) {
         self.frames = Some((epoch, id));
     }
 
-    /// It accepts a path to send, the first line with this id.
+    /// Notes that the client accepts a path to send, the first line of which has this id.
     pub fn lines(&mut self, epoch: Epoch, first: CommandId) {
         let set = self.frames.filter(|(of, _)| *of == epoch).map(|(_, id)| id);
         self.lines = set.map(|id| (epoch, first, id));
@@ -145,8 +145,8 @@ impl Inside {
         }
     }
 
-    /// A client that receives the controller's states does not consider an epoch open that the controller has
-    /// ended.
+    /// Checks that a client that receives the controller's states does not consider an epoch open that the controller
+    /// has ended.
     fn judge_knowledge(&mut self) {
         let controller = &self.cell.controller;
         let is_open = self.open_epoch().is_some_and(|open| open.0.cast_signed() == controller.epoch());
@@ -164,7 +164,7 @@ impl Inside {
         }
     }
 
-    /// A client that receives nothing does not consider itself connected.
+    /// Checks that a client that receives nothing does not consider itself connected.
     fn judge_silence(&mut self) {
         if let Some(silence_ms) = self.cell.silence_ms() {
             self.counts.judged("a silent link");
@@ -174,7 +174,7 @@ impl Inside {
         }
     }
 
-    /// A controller that no client reaches does not reserve its place for a client that may be gone.
+    /// Checks that a controller that no client reaches does not reserve its connection for a client that may be gone.
     pub(super) fn judge_places(&mut self) {
         let Some(unreached_ms) = self.cell.unreached_ms() else { return };
         self.counts.judged("the place of a client");

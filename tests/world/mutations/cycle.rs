@@ -1,4 +1,4 @@
-//! Mutations of the table of the cycle.
+//! Mutations of the cycle's state machine.
 
 use super::{Mutation, change};
 

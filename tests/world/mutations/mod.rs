@@ -1,6 +1,6 @@
-//! Changes of the product's sources that a world must find: mistakes that a person who works on them might make.
-//! The bench `mutations` makes each, builds the world and runs it. Each names text that its file contains exactly
-//! once, which `list.rs` checks.
+//! Changes of the product's sources that a world must find: mistakes that a person who works on them might make. The
+//! bench `mutations` makes each change, builds the world and runs it. Each change names text that its file contains
+//! exactly once, which `list.rs` checks.
 //!
 //! Not here: parts that no world has (the socket, pages, the names of recordings, inputs, supervision, a compliant
 //! tool), and mistakes that are planted while a world runs (`sabotage`).
@@ -23,7 +23,7 @@ pub struct Mutation {
     pub beside: Option<Edit>,
     /// The first seed, and the step to the next one: only some worlds execute the controller's programs.
     pub seeds: (u64, u64),
-    /// The reason why no world finds it, if it is known.
+    /// The reason why no world finds the mutation, if it is known.
     pub not_found: Option<&'static str>,
 }
 

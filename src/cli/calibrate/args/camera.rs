@@ -18,13 +18,13 @@ pub enum CameraName {
 #[derive(Debug, Clone, Args)]
 pub struct LiveArgs {
     /// Take the pictures now, with the cell's camera, and keep them and their poses in this folder. The command
-    /// reports what each shows and which one to take next.
+    /// reports what each picture shows and which one to take next.
     #[arg(long, value_name = "DIR")]
     pub live: Option<PathBuf>,
     /// With --live: take this number of pictures without asking; without it, one at each Enter.
     #[arg(long, value_name = "N", requires = "live", value_parser = clap::value_parser!(u32).range(1..=60))]
     pub count: Option<u32>,
-    /// With --count: the time between two pictures, s, in which a person moves the board to its next place.
+    /// With --count: the time between two pictures, s, in which a person moves the board to its next pose.
     #[arg(long, value_name = "S", requires = "count", default_value_t = 3, value_parser = clap::value_parser!(u32).range(0..=60))]
     pub every_s: u32,
     /// What a simulated cell shows.
@@ -93,7 +93,7 @@ pub struct Intrinsics {
     pub live: LiveArgs,
 }
 
-/// The place of the camera.
+/// How the camera is mounted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum MountName {
     /// Fixed in the cell.
@@ -105,7 +105,7 @@ pub enum MountName {
 /// Options of `calibrate hand-eye`.
 #[derive(Debug, Clone, Args)]
 pub struct HandEye {
-    /// The place of the camera.
+    /// How the camera is mounted.
     #[arg(long, value_enum)]
     pub mount: MountName,
     /// The board.
@@ -117,7 +117,7 @@ pub struct HandEye {
     /// Three points: the picture of the board, or the 3D camera's shot of the board.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["poses", "live"], required_unless_present_any = ["poses", "live"])]
     pub image: Option<PathBuf>,
-    /// Three points: the places at which the corners were touched.
+    /// Three points: the positions at which the corners were touched.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["poses", "live"])]
     pub points: Option<PathBuf>,
     /// Many poses: the flange's pose at each picture.

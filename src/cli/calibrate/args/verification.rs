@@ -55,12 +55,12 @@ pub struct Touch {
     /// The known pose of the board.
     #[arg(long, value_name = "FILE")]
     pub target: PathBuf,
-    /// The places of the tool's tip when it touched the corners, with the cell's own tool selected on the pendant.
-    /// With p1_axes_deg = [A1, …, A6] the tip is computed from the axes, the arm's correction and the cell's tool;
-    /// a cell with a correction needs them.
+    /// The positions of the tool's tip when it touched the corners, with the cell's own tool selected on the pendant.
+    /// With p1_axes_deg = [A1, …, A6] the tip is computed from the axes, the arm's correction and the cell's tool; a
+    /// cell with a correction needs them.
     #[arg(long, value_name = "FILE", required_unless_present = "live", conflicts_with = "live")]
     pub points: Option<PathBuf>,
-    /// Read the tip's place from the controller now, at one corner after the other, and keep it in this folder.
+    /// Read the tip's position from the controller now, at one corner after the other, and keep it in this folder.
     #[arg(long, value_name = "DIR")]
     pub live: Option<PathBuf>,
     /// Folder for a map of the remaining errors, and for the trend of all touches.

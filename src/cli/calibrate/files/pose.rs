@@ -1,4 +1,4 @@
-//! The keys of a pose: read in the forms that a person writes, and written in the form that is read.
+//! Reads the keys of a pose in the forms that a person writes, and writes them in one of these forms.
 
 use crate::config::{Section, Setting};
 use crate::files::ReportedFlange;
@@ -108,7 +108,8 @@ pub(super) fn pose(section: &Section<'_, '_>) -> Option<KukaPose> {
     Some(KukaPose { x_mm: x_mm?, y_mm: y_mm?, z_mm: z_mm?, a_deg: a_deg?, b_deg: b_deg?, c_deg: c_deg? })
 }
 
-/// Do these angles look like radians? This is no proof: the caller uses it only if the tool cannot be upright.
+/// Returns whether these angles look like radians. This is no proof: the caller uses the result only if the tool
+/// cannot be upright.
 pub(super) fn like_radians(pose: &KukaPose) -> bool {
     let angles = [pose.a_deg, pose.b_deg, pose.c_deg];
     let circle = [std::f64::consts::PI, std::f64::consts::FRAC_PI_2];

@@ -69,7 +69,7 @@ pub fn arm_poses(file: &str, text: &str, is_there: &dyn Fn(&str) -> bool) -> Res
 /// What was touched, as a touches file states it.
 #[derive(Debug, Clone, PartialEq)]
 pub enum StatedTouch {
-    /// A spot by its number; touches of one spot share it.
+    /// A spot by its number; touches of one spot have the same number.
     Spot(usize),
     /// A corner (column, row) of the board in front of the camera on the flange.
     Corner(usize, usize),
@@ -121,7 +121,8 @@ mod tests {
     use super::super::tests::{POSE, problems};
     use super::*;
 
-    /// A touch is of a spot, a corner, or a corner in a picture; two of them, or none, is a problem with its line.
+    /// A touch names a spot, a corner, or a corner in a picture; a touch that names two of them, or none, is a problem
+    /// with its line.
     #[test]
     fn a_touch_is_of_one_thing() {
         let read = |touch: &str| arm_touches("t.toml", &format!("[[touches]]\n{touch}\n{POSE}"), &|_| true);

@@ -1,4 +1,4 @@
-//! The result from the pictures so far, and which one to take next.
+//! The result from the pictures so far, and the next picture to take.
 
 use super::super::super::outcome::Outcome;
 use super::super::super::output::tell_line as tell;

@@ -37,13 +37,13 @@ use session::{Choice, Session};
 use std::path::PathBuf;
 use view::View;
 
-/// This number of pictures is enough for any lens.
+/// Maximum number of pictures: enough for any lens.
 const MAX_PICTURES: usize = 60;
 
 /// Calibrates the lens with pictures that are taken now.
 ///
 /// # Errors
-/// If the camera does not deliver or writing to the disk fails; else as the command on files.
+/// If the camera does not deliver or writing to the disk fails; otherwise as for the command with files.
 pub fn lens(args: &Intrinsics, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
     let (Some(folder), Some(camera)) = (&args.live.live, args.camera) else {
         return Err(CalibrationFault::NoLiveCamera.into());
@@ -77,7 +77,7 @@ pub fn lens(args: &Intrinsics, common: &Common, progress: &(dyn Fn(&str) + Sync)
 /// Calibrates a camera's mount with pictures and poses that are taken now.
 ///
 /// # Errors
-/// As [`lens`], and if the robot does not do what it must.
+/// As [`lens`], and if the robot does not do what is requested.
 pub fn mount(args: &HandEye, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
     let Some(folder) = &args.live.live else { return Err(CalibrationFault::NoLiveCamera.into()) };
     let cell = CellFiles::read(common)?;

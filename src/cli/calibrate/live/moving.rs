@@ -1,9 +1,9 @@
 //! Poses to which the arm moves automatically.
 //!
-//! A person brings the arm to a pose from which the camera sees the board. From there the flange is turned and
-//! shifted about a point at the board's distance, until enough pictures show the board for a first mount. From then
-//! on, each pose is the one that minimizes the mount's stated error, until another pose is not worth it. Each move
-//! passes the gate of `panelprep robot move-j`; a pose that the gate refuses is left out.
+//! A person brings the arm to a pose from which the camera sees the board. From there the flange is turned and shifted
+//! about a point at the board's distance, until enough pictures show the board for a first mount. From then on, each
+//! pose is the one that minimizes the mount's stated error, until a further pose would improve the mount too little.
+//! Each move passes the gate of `panelprep robot move-j`; a pose that the gate refuses is left out.
 
 use super::super::super::fault::{CalibrationFault, Fault};
 use super::super::super::flange_pose::reported;
@@ -52,7 +52,7 @@ const ABOUT: [([f64; 3], [f64; 3]); 14] = [
 /// Takes pictures from pose to pose.
 ///
 /// # Errors
-/// If the robot does not do what it must, the camera does not deliver, or writing to the disk fails.
+/// If the robot does not do what is requested, the camera does not deliver, or writing to the disk fails.
 pub fn run(
     (args, cell, kind): (&HandEye, &CellFiles, BoardView),
     (board, camera): (&Board, PinholeCamera),
@@ -188,7 +188,7 @@ fn varied(
     *base_from_flange * Rigid::<Flange, Flange>::claim(moved)
 }
 
-/// Number of drawn poses that see the board; the first within the simulated arm's reach is used.
+/// Maximum number of random poses that see the board; the first one within the simulated arm's reach is used.
 const MAX_DRAWS: usize = 20;
 
 /// The simulated arm's first pose, as if a person had moved it there: it sees the board.
@@ -212,7 +212,8 @@ fn first_pose(
 mod tests {
     use super::*;
 
-    /// A quarter turn about Z at 100 mm leaves the flange at its place; about X it moves to the side of that point.
+    /// A quarter turn about Z, with the point at 100 mm, leaves the flange at its position; a quarter turn about X
+    /// moves it to the side of that point.
     #[test]
     fn the_flange_is_turned_about_the_board() {
         let start: Rigid<Base, Flange> = Rigid::claim(Isometry3::translation(500.0, 0.0, 300.0));

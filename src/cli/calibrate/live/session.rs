@@ -138,7 +138,7 @@ impl<'a> Session<'a> {
         })
     }
 
-    /// Keeps a picture, with its pose if it has one, and reports what it shows. Returns whether it shows the board.
+    /// Stores a picture, with its pose if it has one, and reports what it shows. Returns whether it shows the board.
     ///
     /// # Errors
     /// If writing to the disk fails.

@@ -17,11 +17,11 @@ use crate::geometry::{ColorPicture, KukaPose};
 use opening::Wanted;
 use std::path::{Path, PathBuf};
 
-/// Takes the picture and does the same as the command on files.
+/// Takes the picture and does the same as the command with files.
 ///
 /// # Errors
-/// If the camera does not deliver, the flange's pose is not known, or writing to the disk fails; else as the
-/// command on files.
+/// If the camera does not deliver, the flange's pose is not known, or writing to the disk fails; otherwise as for the
+/// command with files.
 pub fn look((args, folder): (&Verify, &Path), common: &Common, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let cell = CellFiles::read(common)?;
     let (image, flange) = match args.camera {

@@ -27,7 +27,7 @@ enum PoseAnswer {
     Done,
 }
 
-/// The person's input: `axis` if it is possible, `done`, or only Enter for a pose.
+/// Reads the person's input: `axis` if it is possible, `done`, or only Enter for a pose.
 fn read_answer(poses: &FlangePoses<'_>, may_be_axis: bool) -> Result<PoseAnswer, Fault> {
     loop {
         match answer()?.as_deref() {
@@ -50,7 +50,7 @@ fn read_answer(poses: &FlangePoses<'_>, may_be_axis: bool) -> Result<PoseAnswer,
 /// Calibrates the tool with poses that are read now.
 ///
 /// # Errors
-/// If writing to the disk fails or the flange's pose is not known; else as the command on files.
+/// If writing to the disk fails or the flange's pose is not known; otherwise as for the command with files.
 pub fn tool((args, folder): (&Tcp, &Path), common: &Common) -> Result<Outcome, Fault> {
     let cell = CellFiles::read(common)?;
     let file = folder.join("poses.toml");
@@ -96,7 +96,7 @@ pub fn tool((args, folder): (&Tcp, &Path), common: &Common) -> Result<Outcome, F
     tcp::run(&on_file(args.out.clone()), common)
 }
 
-/// Reports how well the poses so far determine the tip; the poses are kept if they do not.
+/// Reports how well the poses so far determine the tip. If they do not determine it, the poses are kept.
 fn say_tip(found: Result<Outcome, Fault>) {
     match found {
         Ok(outcome) => {

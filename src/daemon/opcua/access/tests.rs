@@ -1,4 +1,4 @@
-//! Who may log in, for how long a session is valid, and which data of it is recorded.
+//! Tests who may log in, for how long a session is valid, and which of its data is recorded.
 
 use super::*;
 use crate::accounts;
@@ -93,7 +93,7 @@ async fn nobody_without_an_account_is_let_in_unless_the_file_says_so() {
         for mode in [MessageSecurityMode::None, MessageSecurityMode::SignAndEncrypt] {
             assert_eq!(access.authenticate_anonymous_token(&endpoint(mode)).await.is_ok(), may);
             assert_eq!(access.supports_anonymous(&endpoint(mode)), may);
-            // No password is requested if it could be read on its way.
+            // No password is requested if it could be read during the transfer.
             assert_eq!(access.supports_user_pass(&endpoint(mode)), mode != MessageSecurityMode::None);
             assert!(!access.supports_x509(&endpoint(mode)) && !access.supports_issued_token(&endpoint(mode)));
         }

@@ -1,4 +1,4 @@
-//! Calls as they reach the service: a queue replaces the loop.
+//! Tests calls up to the service's requests: a queue replaces the loop.
 
 use super::*;
 use crate::accounts::Role;
@@ -130,7 +130,7 @@ fn status(outcome: &Outcome) -> StatusCode {
     }
 }
 
-/// Every method in every role and without an account: permitted calls reach the loop under the caller's name,
+/// Calls every method with every role and without an account: permitted calls reach the loop under the caller's name,
 /// others never do.
 #[tokio::test]
 async fn each_method_reaches_the_loop_as_the_table_says() {
@@ -169,13 +169,12 @@ async fn each_method_reaches_the_loop_as_the_table_says() {
                 method.name
             );
             let expected = match method.command {
-                // It makes no request to the loop.
+                // An acknowledgement makes no request to the loop.
                 Command::AcknowledgeAlarm => vec![],
                 _ if is_allowed => vec![format!("{word} by {who}, through OPC UA")],
                 _ => vec![],
             };
-            // The loop receives a start as one that was not prepared, for which no client waits: this cell has no
-            // files.
+            // This cell has no files, so the loop receives a start as an unprepared one, without a client that waits.
             let since = Instant::now();
             while cell.asked() != expected && since.elapsed() < Duration::from_secs(5) {
                 thread::sleep(Duration::from_millis(5));
@@ -203,7 +202,7 @@ async fn wrong_arguments_ask_for_nothing() {
         ("Hold", vec![text("now")]),
         ("Unhold", vec![]),
         ("Unhold", vec![text("true"), Variant::from(7_u32)]),
-        // A person's decision must name the step, as an unsigned number.
+        // Not accepted: a person's decision must state the step, as an unsigned number.
         ("Unhold", vec![Variant::from(true)]),
         ("Accept", vec![]),
         ("Clear", vec![]),
@@ -212,7 +211,7 @@ async fn wrong_arguments_ask_for_nothing() {
         ("Start", vec![text("door.toml"), text(&hash), Variant::from(7_i32), text(""), no()]),
         ("Start", vec![text("door.toml"), text(&hash), text("a\nb"), text(""), no()]),
         ("Start", vec![text("../cell.toml"), text(&hash), text(""), text(""), no()]),
-        // The hash of another recipe than the one that the person chose, and no hash.
+        // Not accepted: the hash of a recipe other than the chosen one, and no hash.
         ("Start", vec![text("door.toml"), text(&"0".repeat(64)), text(""), text(""), no()]),
         ("Start", vec![text("door.toml"), text(""), text(""), text(""), no()]),
         ("AcknowledgeAlarm", vec![text("1/none/2")]),
@@ -239,7 +238,7 @@ async fn of_a_flood_little_reaches_the_loop_and_one_line_is_kept() {
     let floods =
         cell.audit().iter().filter(|line| line.refused.as_deref() == Some("too many calls in a row")).count();
     assert_eq!(floods, 1);
-    // Another person can continue, and a stop always gets through.
+    // Another person can continue to call, and a stop is always accepted.
     assert_eq!(status(&cell.call("Hold", &[], Some(Role::Engineer)).await), StatusCode::Good);
     assert_eq!(status(&cell.call("Stop", &[], Some(Role::Operator)).await), StatusCode::Good);
     let before = cell.asked().len();
@@ -252,7 +251,7 @@ async fn of_a_flood_little_reaches_the_loop_and_one_line_is_kept() {
     assert!(aborts >= 1 && aborts as u128 <= most, "{aborts} of at most {most}");
 }
 
-/// A stop that was refused is no answer to the next one: that one is requested anew, however soon it comes.
+/// A stop that was refused is not the answer to the next one: the next stop is requested again, however soon it comes.
 #[tokio::test]
 async fn only_a_stop_that_was_done_answers_the_next_one() {
     let cell = Cell::new();

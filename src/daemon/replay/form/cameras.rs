@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::sync::Arc;
 
-/// The recorded form of a camera's answer: of a picture, only its size and the time of the shot.
+/// The recorded form of a camera's answer: for a picture, only its size and the time of the shot.
 #[derive(Debug, Serialize, Deserialize)]
 struct ShotForm {
     size_px: [usize; 2],
@@ -37,7 +37,7 @@ impl From<FaultForm> for CameraFault {
     }
 }
 
-/// Returns whether this command begins a film, and whether it watches or ends one.
+/// Returns whether this command begins a film, and whether it fetches a picture of a film or ends one.
 pub fn of_film(said: &Value) -> (bool, bool) {
     (said.get("begin_film").is_some(), said == "next_of_film" || said == "end_film")
 }
@@ -59,8 +59,8 @@ impl Recordable for CameraCommand {
                 taken(Shot::Scanner(Arc::new(taken_now.picture.clone())), Some(taken_now.time_s))
             }
             Ok(CameraAnswer::Corner(picture)) => taken(Shot::Flange(Arc::new(picture.clone())), None),
-            // By the wall clock a film is watched until its next picture is available; the number of checks before
-            // does not matter.
+            // With the wall clock, a film is polled until its next picture is available; the number of polls does not
+            // matter.
             Ok(CameraAnswer::NoneDue) => ok(Value::Null).filter(|_| recorder.is_lock_step()),
             Ok(CameraAnswer::FilmBegan(time_s)) => ok(json!(time_s)),
             Ok(CameraAnswer::FilmEnded(dropped)) => ok(json!(dropped)),

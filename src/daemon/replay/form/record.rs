@@ -50,7 +50,7 @@ impl Recordable for RecordCommand {
             Ok(RecordAnswer::Cycle(cycle)) => ok(json!(cycle)),
             Ok(RecordAnswer::Concluded(verdict)) => ok(json!(verdict)),
             Ok(RecordAnswer::Worn(worn_mm2)) => ok(json!(worn_mm2)),
-            // If there was nothing, nothing is written down: a replay then receives nothing.
+            // An empty list is not recorded: a replay then receives none either.
             Ok(RecordAnswer::Earlier(earlier)) => ok(json!(earlier)).filter(|_| !earlier.is_empty()),
             Ok(RecordAnswer::Wrong(reasons)) => value(json!(reasons)),
             Ok(RecordAnswer::Full(why)) => why.as_ref().and_then(|why| value(json!(why))),
@@ -98,8 +98,8 @@ impl Recordable for RecordCommand {
     }
 }
 
-/// Returns the recorded form of a phase's result. A picture that is in the store already has the same form as one
-/// that is put there now.
+/// Returns the recorded form of a phase's result. A picture that is already in the store has the same form as one that
+/// is still to be stored.
 fn note_form(note: &Note) -> Value {
     let frame = |time_s: f64, phase: Phase| json!({ "frame": { "time_s": time_s, "phase": phase.word() } });
     let figure = |name: &str, caption: &str| json!({ "figure": { "name": name, "caption": caption } });

@@ -28,11 +28,11 @@ pub trait Recordable: Command {
     /// Returns the recorded answer to the command.
     fn answer(&self, heard: RecordedAnswer) -> Result<Self::Answer, serde_json::Error>;
 
-    /// Returns the answer if the recording has none: the command is not recorded, nothing came, or the replay has
-    /// parted from the recording. `now` is the clock's last reading.
+    /// Returns the answer if the recording has none: the command is not recorded, there was no data, or the replay has
+    /// diverged from the recording. `now` is the clock's last reading.
     fn otherwise(&self, now: Time, has_parted: bool) -> Self::Answer;
 
-    /// Returns whether this is the recorded answer, if the loop waits for one particular answer.
+    /// Returns whether a recorded answer is the one for which the loop waits; true if the loop accepts any answer.
     fn fits(&self, _heard: &Value) -> bool {
         true
     }

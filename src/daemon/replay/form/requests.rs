@@ -31,7 +31,7 @@ impl Recordable for RequestCommand {
         match answer {
             RequestAnswer::Next(Ok(Some(Request { what, .. }))) => value(match what {
                 RequestKind::Table(request) => json!({ "for": request }),
-                // A request that the table refuses is a request like any other; one that it accepts begins a
+                // The start itself is recorded only if the state table refuses it; a start that is accepted begins a
                 // recording of its own.
                 RequestKind::Begin(prepared) => json!({ "for": prepared.request }),
                 RequestKind::NewDisc => json!("new_disc"),
@@ -69,7 +69,7 @@ impl Recordable for RequestCommand {
 
     fn otherwise(&self, _: Time, has_parted: bool) -> RequestAnswer {
         match self {
-            // The player's record refuses this request, and so ends the loop.
+            // This request ends the loop, because the player's record refuses it.
             RequestCommand::Next(_) if has_parted => next(RequestKind::Table(cycle::Request::Abort)),
             RequestCommand::Next(_) => RequestAnswer::Next(Ok(None)),
             RequestCommand::LetsIn(_) => RequestAnswer::LetsIn(None),

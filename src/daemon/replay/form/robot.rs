@@ -31,7 +31,7 @@ impl Recordable for RobotCommand {
             RobotAnswer::Time(now) => {
                 let since = now.since_start();
                 let is_new = recorder.clock(u64::try_from(since.as_nanos()).unwrap_or(u64::MAX));
-                // By the wall clock each reading counts, even if two are the same: a replay gives one for each.
+                // With the wall clock every reading is recorded, even if two are equal: a replay needs each of them.
                 if is_new || !recorder.is_lock_step() { value(to_json(&since)) } else { None }
             }
         }

@@ -1,4 +1,4 @@
-//! The scripted cell: its setup, and how one of its cycles is run, served and replayed.
+//! The scripted cell: its setup, and the functions that run, serve and replay one of its cycles.
 
 mod cameras;
 mod record;
@@ -54,7 +54,7 @@ pub struct Cell {
     pub more_cell: &'static str,
     /// Wear of the disc before the cycle, mm².
     pub worn_mm2: f64,
-    /// Its removal, if it is calibrated.
+    /// The removal model of the disc, if it is calibrated.
     pub removal: Option<Model>,
     /// What earlier cycles did to the panel.
     pub earlier: Vec<EarlierPass>,
@@ -99,7 +99,7 @@ impl Cell {
         self
     }
 
-    /// Today the panel's middle lies this far in front of its taught place.
+    /// Returns the cell with a bowed panel: its middle is this distance in front of its taught position.
     pub fn whose_panel_bows(self, bow_mm: f64) -> Self {
         {
             let mut world = self.world.borrow_mut();
@@ -113,7 +113,8 @@ impl Cell {
         self
     }
 
-    /// The flange is at this pose before the cycle, with the axes as near to these as the pose allows.
+    /// Returns the cell with the flange at this pose before the cycle; the axis positions are the solution nearest to
+    /// `near`.
     pub fn whose_flange_stands_at(
         self,
         (base_from_flange, near): (
@@ -129,7 +130,7 @@ impl Cell {
         self
     }
 
-    /// The arm needs this time to come to rest after an abort, ms.
+    /// Returns the cell with an arm that needs this time to come to rest after an abort, ms.
     pub fn that_brakes_for(self, ms: u64) -> Self {
         self.world.borrow_mut().brakes_ms = ms;
         self
@@ -141,8 +142,8 @@ impl Cell {
         self.step_by_step()
     }
 
-    /// Returns the cell with a robot that reports a wrong tip on a contact path: by this distance, mm, from the
-    /// first to the second of these waypoints.
+    /// Returns the cell with a robot that reports a wrong TCP position on a contact path: it is off by this distance,
+    /// mm, from the first to the second of these waypoints.
     pub fn that_is_off_plan(self, mm: f64, waypoints: [u32; 2]) -> Self {
         self.world.borrow_mut().off_plan = Some((mm, waypoints));
         self
@@ -258,8 +259,8 @@ impl Cell {
         }
     }
 
-    /// Returns a function that ends the epoch before the next command, like a stop that is on the wire before the
-    /// loop has taken it. The function returns true once the command has come.
+    /// Returns a function that ends the epoch before the next command, like a stop that was sent to the robot before
+    /// the loop has processed it. The function returns true after the command was received.
     pub fn stops_before_a_command(&self) -> impl FnMut() -> bool + use<> {
         let world = self.world.clone();
         let mut has_stopped = false;
@@ -364,7 +365,7 @@ impl Cell {
 
 fn computing(cameras: Box<dyn CameraPort + Send>, readable: Vec<Reason>, lock_step: bool) -> Computing<'static> {
     let keep = Box::new(|_: &crate::geometry::ColorPicture| {
-        // Never on the loop, as its deadlines and watchdog would wait for it.
+        // Pictures are never stored on the loop's thread, as its deadlines and watchdog would be delayed.
         assert_eq!(std::thread::current().name(), Some("computing"));
         Ok(Some(String::new()))
     });

@@ -15,7 +15,7 @@ pub struct Memory {
     pub writes: usize,
     pub(super) cycles: i64,
     pub is_full: bool,
-    /// Number of writes that find room before the disk is full; `None` if it has room for all.
+    /// Number of writes after which the disk is full; `None` if the disk never fills.
     pub fills_at: Option<usize>,
     pub(super) lacks_room: bool,
     pub worn_mm2: f64,
@@ -112,7 +112,7 @@ impl Port<RecordCommand> for Memory {
             }
             RecordCommand::Begin(_) => {
                 self.cycles += 1;
-                // The next panel: dry, and as greasy as the last one.
+                // The cycle has a new panel: dry, and as greasy as the last one.
                 let mut world = self.world.borrow_mut();
                 (world.water_off_ms, world.rubbed, world.healed) = (0, 0, false);
                 drop(world);

@@ -6,7 +6,7 @@ use crate::record::{RequestSource, Who};
 use crate::supervision::ThreadFault;
 use std::collections::VecDeque;
 
-/// A cycle needs fewer iterations.
+/// Limit of the loop's iterations; a cycle needs fewer.
 const MAX_ITERATIONS: usize = 200_000;
 
 type When = Box<dyn Fn(&State) -> bool>;
@@ -14,7 +14,7 @@ type When = Box<dyn Fn(&State) -> bool>;
 /// Makes each request once, in order, when its time has come, and leaves when nothing more can happen.
 pub struct Asks {
     script: VecDeque<(When, cycle::Request)>,
-    /// The request that is made in every iteration of a working cycle, and the number of times it was made.
+    /// The request that is made in every iteration while a cycle runs; the next field counts these requests.
     flood: Option<cycle::Request>,
     asked: usize,
     pub refusals: Vec<(cycle::Request, Refusal)>,

@@ -1,4 +1,4 @@
-//! The compliant tool of the scripted cell, on its true panel, and a cell that is about to begin its contact path.
+//! The compliant tool of the scripted cell on the true panel, and a cell that is about to begin its contact path.
 
 use super::super::super::*;
 use super::{Asks, Cell, FakeCameras, FakeRobot, Memory, Shared, World};
@@ -51,7 +51,7 @@ impl Surroundings for FakePanel {
 }
 
 impl Cell {
-    /// Returns its tool, as configured in its file.
+    /// Returns the tool of this cell, as configured in its file.
     pub(super) fn tool(&self) -> LinkedTool {
         linked(&self.files().0, &self.world)
     }
@@ -72,7 +72,7 @@ fn linked(cell: &crate::cell::Cell, world: &Shared) -> LinkedTool {
     simulated(cell, world).map(LinkedTool::new).unwrap_or_default()
 }
 
-/// A cycle with its tool being switched on before contact; from here on it can be run any number of times.
+/// A cycle whose tool is just being switched on before contact; it can be continued from here any number of times.
 pub struct AtContact {
     cell: crate::cell::Cell,
     setup: Arc<CycleSetup>,
@@ -89,8 +89,8 @@ pub struct AtContact {
 pub struct Ended {
     pub state: State,
     pub findings: Vec<Finding>,
-    /// From the fault, or the first touch after it, to the tool's end, ms; `None` if the disc did not touch any
-    /// more.
+    /// Time from the fault, or from the first touch after it, until the tool was off, ms; `None` if the disc did not
+    /// touch any more.
     pub took_ms: Option<u64>,
     /// Number of executed waypoints with which the motion was closed.
     pub done: Option<u32>,
@@ -133,7 +133,7 @@ impl AtContact {
         let world = Shared::new(world);
         let mut record = Memory { fails_at: usize::MAX, ..Memory::default_of(&world) };
         let (mut robot, mut asks) = (FakeRobot { world: world.clone(), by_the_wall: false }, Asks::one_cycle());
-        // The tool has been connected for a long time.
+        // Some readings first, as if the tool had been connected for a long time.
         let mut tool = simulated(&self.cell, &world).expect("a compliant tool");
         for _ in 0..3 {
             tool.news();

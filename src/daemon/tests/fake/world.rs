@@ -16,7 +16,7 @@ const START: Joints =
 /// The true state of the cell.
 #[derive(Clone)]
 pub(super) struct World {
-    /// The fault that the tool has once this many lines of the contact path are executed.
+    /// The fault of the tool, and the number of executed lines of the contact path after which it occurs.
     pub(super) tool_fault: Option<(u32, ToolFault)>,
     /// The time since when the disc has been rubbing without a break under the tool's fault, ms.
     pub(super) rubs_since_ms: Option<u64>,
@@ -40,7 +40,7 @@ pub(super) struct World {
     pub(super) in_contact: u32,
     /// The link is lost once the arm is clearly in contact.
     pub(super) loses_link: bool,
-    /// The bit of a feedback that reads off, and the waypoint in contact from which on it does.
+    /// The bit of a feedback that reads off, and the waypoint in contact from which on this happens.
     pub(super) dead_feedback: Option<(u32, u32)>,
     /// No controller answers until the next state is received.
     pub(super) is_lost: bool,
@@ -49,11 +49,10 @@ pub(super) struct World {
     pub(super) pace: usize,
     /// Time between two states of the robot on a contact path, ms; elsewhere it is 100.
     pub(super) contact_round_ms: u64,
-    /// How long the arm still moves after an abort, ms; `brakes_until_ms` is the time at which it stands.
+    /// Time for which the arm still moves after an abort, ms; `brakes_until_ms` is the time at which it is at rest.
     pub(super) brakes_ms: u64,
     pub(super) brakes_until_ms: u64,
-    /// The deviation of the reported tip on a contact path, mm, and the first and last of the waypoints at which it
-    /// occurs.
+    /// The deviation of the reported TCP on a contact path, mm, and the first and last waypoint at which it occurs.
     pub(super) off_plan: Option<(f64, [u32; 2])>,
     pub(super) base: Option<KukaPose>,
     pub(super) tool: Option<SetTcp>,
@@ -89,7 +88,7 @@ pub(super) struct World {
 }
 
 impl World {
-    /// Creates the world before a cycle: the arm is at [`START`], and nothing is on.
+    /// Creates the world before a cycle: the arm is at [`START`], and all outputs are off.
     pub(super) fn new(sim: sim::Cell) -> Self {
         World {
             tool_fault: None,

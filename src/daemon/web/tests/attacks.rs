@@ -6,7 +6,7 @@ use axum::http::StatusCode;
 
 const JSON: (&str, &str) = ("content-type", "application/json");
 
-/// Another site, a form from another site, and a browser that states no origin.
+/// Requests from another site, from a form of another site, and from a browser that states no origin.
 #[tokio::test]
 async fn no_other_site_causes_a_change() {
     let site = PageFixture::new();
@@ -36,7 +36,7 @@ async fn no_other_site_causes_a_change() {
     let own = [cookie, csrf, JSON, ("origin", "http://127.0.0.1:8090")];
     assert_eq!(site.send("POST", "/request/hold", &own, "{}").await.status, StatusCode::OK);
     assert_eq!(site.asked().len(), 1);
-    // A foreign name that leads to this computer.
+    // A foreign host name that leads to this computer.
     let told = site.send("GET", "/", &[("host", "evil.example:8090")], "").await;
     assert_eq!(told.status, StatusCode::MISDIRECTED_REQUEST);
 }

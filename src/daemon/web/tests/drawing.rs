@@ -41,7 +41,7 @@ async fn what_is_drawn_is_proposed_and_not_yet_written() {
     let change = json!({ "text": text, "why": "" }).to_string();
     let told = site.post(&engineer, "/setup/recipe/door.toml", &change).await;
     assert_eq!(told.status, StatusCode::UNPROCESSABLE_ENTITY, "a reason is asked for");
-    // Two engineers have opened the same recipe: the second one to save is informed, and overwrites nothing.
+    // Two engineers have opened the same recipe: the second one who saves is informed, and overwrites nothing.
     let save = |before: &str| json!({ "text": text, "why": "wider", "before": before }).to_string();
     let saved = site.post(&engineer, "/setup/recipe/door.toml", &save(&content_hash(DOOR.as_bytes()))).await;
     assert_eq!(saved.status, StatusCode::OK, "{}", saved.body);
@@ -87,8 +87,8 @@ async fn a_picture_that_cannot_be_taken_says_why() {
     assert!(audit.contains("take a picture") && audit.contains("has not opened its cameras"), "{audit}");
 }
 
-/// The office's offer is shown with its difference; it is put into the form if the person requests it, and is not
-/// written by that.
+/// The office's offer is shown with its differences; it is copied into the form if the person requests this, but is
+/// not saved by this.
 #[tokio::test]
 async fn a_recipe_of_the_office_is_shown_and_taken_by_a_person() {
     let site = PageFixture::new();

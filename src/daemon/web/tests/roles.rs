@@ -1,4 +1,4 @@
-//! Every route × every role, as in the table; and no route outside the table.
+//! Tests every route with every role, as in the table; and that no other route exists.
 
 use super::{Browser, PageFixture};
 use crate::accounts::{Permission, Role};

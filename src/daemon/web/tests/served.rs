@@ -67,7 +67,7 @@ fn served(site: &PageFixture) -> (OperatorPage, SocketAddr) {
 fn connected(count: usize, address: SocketAddr, begins: &str) -> Vec<TcpStream> {
     let one = |_| {
         let mut stream = TcpStream::connect(address).expect("it listens");
-        // The first ones may have given way already.
+        // The first connections may have been closed already.
         drop(stream.write_all(begins.as_bytes()));
         stream.set_read_timeout(Some(Duration::from_secs(20))).expect("set");
         stream
@@ -75,8 +75,8 @@ fn connected(count: usize, address: SocketAddr, begins: &str) -> Vec<TcpStream> 
     (0..count).map(one).collect()
 }
 
-/// Requests with bodies that never come keep no place: a stop at the same time is done at once, and they end
-/// automatically.
+/// Requests whose bodies never arrive do not block a slot: a stop at the same time is executed at once, and these
+/// requests end automatically.
 #[test]
 fn bodies_that_never_come_keep_no_stop_waiting() {
     let site = PageFixture::new();
@@ -113,7 +113,7 @@ fn many_who_look_on_keep_no_stop_waiting() {
     assert!(lookers.last_mut().expect("one").read(&mut bytes).expect("open") > 0, "the last one looks on");
 }
 
-/// Two hundred requests without an end delay no other client, and lose their places.
+/// Two hundred unfinished requests do not delay other clients, and are closed.
 #[test]
 fn slow_clients_hold_nobody_up() {
     let site = PageFixture::new();

@@ -73,7 +73,7 @@ async fn requests_go_to_the_loop_in_the_persons_name_and_a_stop_needs_none() {
     let start = site.post(&operator, "/request/start", &start(&sha256)).await;
     assert_eq!(start.status, StatusCode::CONFLICT, "the loader of this test refuses");
     let by = "operator, on the operator's page";
-    // A start that was refused goes to the loop for its record, and no client waits for that.
+    // A refused start is passed to the loop only for the record; no client waits for this.
     let since = std::time::Instant::now();
     while site.asked().len() < 5 && since.elapsed() < std::time::Duration::from_secs(20) {
         tokio::task::yield_now().await;

@@ -47,7 +47,8 @@ fn torn_pictures_are_tried_again_and_never_handed_on() {
         counted.refused > 0 && counted.retries > 0 && counted.missing_packets > 0,
         "{refused} failed; {counted}"
     );
-    // Each failed picture released the camera, so that all its settings are written again.
+    // After each failed picture the camera was released and connected again, so that all its settings are written
+    // again.
     assert_eq!(
         (counted.losses, counted.connections),
         (refused, refused + u64::from(camera.standing() == LinkStatus::Connected))
@@ -185,8 +186,8 @@ fn a_size_that_changes_is_refused() {
     );
 }
 
-/// A camera that accepts BayerRG8 and sends BayerRG12, as a TRI032S is documented to do. This is reported as a
-/// wrong format, not as a network that loses packets.
+/// The camera accepts BayerRG8 and sends BayerRG12, as a TRI032S is documented to do. This is reported as a wrong
+/// format, not as a network that loses packets.
 #[test]
 fn a_format_that_the_camera_changed_is_named() {
     let _alone = alone();

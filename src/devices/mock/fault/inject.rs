@@ -165,7 +165,7 @@ impl Controller {
         }
     }
 
-    /// Plugs the cable in again: the waiting bytes arrive, and closed connections last.
+    /// Plugs the cable in again: the waiting bytes arrive first, then the closing of connections.
     fn plug_in(&mut self) {
         for (index, channel) in [Channel::Command, Channel::State].into_iter().enumerate() {
             let bytes = std::mem::take(&mut self.troubles.behind_cable[index]);

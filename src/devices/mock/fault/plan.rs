@@ -40,32 +40,32 @@ pub enum Fault {
     },
     /// `garbage`: the controller sends bytes that are no document.
     Garbage(Side),
-    /// `skip-state`: the next state's number is left out.
+    /// `skip-state`: the sequence number of the next state is skipped.
     SkipState,
     /// `lose-base`: the next `set_base` is acknowledged and has no effect.
     LoseBase,
     /// `lose-tool`: the next `set_tcp` is acknowledged and has no effect.
     LoseTool,
-    /// `wrong-base`: the next `set_base` arrives 1 mm off in X.
+    /// `wrong-base`: the next `set_base` is set with an error of 1 mm in X.
     WrongBase,
     /// `refuse`: the next command is refused with this `Err`, 1 to 12.
     Refuse(u8),
-    /// `override`: a person sets the override to this, 1 to 100 %, and back to 100 % after a while.
+    /// `override`: a person sets the override to this value, 1 to 100 %, and back to 100 % after a while.
     Override {
         /// Override, %.
         percent: u8,
         /// How long, ms.
         for_ms: Option<u64>,
     },
-    /// `slow`: the arm moves at this share of its speed, 1 to 100 %, and the override does not show it.
+    /// `slow`: the arm moves at this percentage of its speed, 1 to 100 %, although the reported override does not
+    /// change.
     Slow {
         /// Share, %.
         percent: u8,
         /// How long, ms.
         for_ms: Option<u64>,
     },
-    /// `measured`: the tool's pose is reported this far above its true position, 1 to 200 mm, along Z of the active
-    /// base.
+    /// `measured`: the reported pose of the tool is off by this distance, 1 to 200 mm, along Z of the active base.
     Measured {
         /// How far, mm.
         off_mm: u8,

@@ -37,7 +37,7 @@ pub enum FaultSpecError {
         item: String,
         /// Its name.
         name: String,
-        /// Which part it is: value, duration or time.
+        /// The part that is not allowed: value, duration or time.
         what: &'static str,
     },
     /// A fault without a time.

@@ -20,7 +20,7 @@ pub(in super::super) struct Troubles {
     pub(super) slow_share: Option<f64>,
     pub(super) override_percent: Option<u8>,
     pub(super) measured_off_mm: Option<u8>,
-    /// The fault of the next `set_base` or `set_tcp`.
+    /// The operation, `set_base` or `set_tcp`, whose next command is acknowledged without an effect.
     pub(super) lost: Option<i32>,
     pub(super) wrong_base: bool,
     pub(super) refusal: Option<Refusal>,
@@ -70,12 +70,12 @@ impl Troubles {
         self.refusal.take()
     }
 
-    /// Returns one if a state's number is to be left out, else zero.
+    /// Returns one if the sequence number of a state is to be skipped, otherwise zero.
     pub(in super::super) fn take_skip(&mut self) -> i32 {
         i32::from(std::mem::take(&mut self.skips_state))
     }
 
-    /// Returns the resulting value of a frame that is being set; `None` if the command has no effect.
+    /// Returns the value to which a frame is really set, with the faults applied; `None` if the command has no effect.
     pub(in super::super) fn spoil(&mut self, command: &Command) -> Option<[f64; 6]> {
         let mut numbers = command.p;
         if self.lost == Some(command.operation) {
@@ -90,8 +90,9 @@ impl Troubles {
 }
 
 impl Troubles {
-    /// Returns the resulting value of `$BASE` or `$TOOL` that a program sets; `None` if this has no effect. A null
-    /// frame is set by the program itself, at the start of an epoch.
+    /// Returns the value to which `$BASE` or `$TOOL` is really set when a program sets it, with the faults applied;
+    /// `None` if there is no effect. Null frames are not affected: the program itself sets them, at the start of an
+    /// epoch.
     pub(in super::super) fn spoil_frame(&mut self, is_base: bool, mut frame: [f32; 6]) -> Option<[f32; 6]> {
         let operation = if is_base { SET_BASE } else { SET_TCP };
         if frame == [0.0; 6] {

@@ -47,7 +47,7 @@ impl Host for Around<'_> {
 
     fn plan(&mut self, request: &MotionRequest, caller: &Caller<'_>) -> Result<u64, String> {
         let command = Command::from_caller(caller);
-        // A motion that belongs to a command; the retract belongs to none.
+        // Only a motion that belongs to a command can be refused; a retract belongs to none.
         if command.is_some() && std::mem::take(&mut self.values.refuses) {
             return self.give_up("the controller was commanded to refuse this motion".to_owned());
         }

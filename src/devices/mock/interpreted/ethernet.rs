@@ -10,8 +10,8 @@ use super::super::wire::Channel;
 use super::values::Values;
 use crate::krl::{Builtin, Cell, EkiAnswer, Meaning};
 
-/// Not available; initialised already; interpretation failed; exists already; unknown element; no client is
-/// connected.
+/// Error codes, in this order: not available; initialised already; interpretation failed; exists already; unknown
+/// element; no client is connected.
 const NOT_AVAILABLE: i32 = 9;
 const INITIALISED: i32 = 23;
 const FAILED: i32 = 6;

@@ -7,7 +7,7 @@ use super::super::setup::Setup;
 use super::super::wire::Channel;
 use std::collections::VecDeque;
 
-/// A document and the fields read from it; `None` for a field that it lacks.
+/// A document and the fields read from it; `None` for a field that the document lacks.
 #[derive(Debug)]
 pub(super) struct Document {
     pub(super) bytes: Vec<u8>,
@@ -25,7 +25,7 @@ pub(super) struct HeldDocuments {
     pub(super) requests: VecDeque<Document>,
     /// Epoch and id of the newest command that arrived.
     pub(super) arrived: (i32, i32),
-    /// Commands that a heartbeat names may still arrive: their channel was not lost.
+    /// Whether commands that a heartbeat names may still arrive, because their channel was not lost.
     pub(super) awaits_commands: bool,
     /// A request is being served.
     pub(super) serves: bool,

@@ -1,9 +1,9 @@
-//! Lock step: the client's requests let time pass, and nothing reaches a program before its time.
+//! Lock step: the client's requests let time pass, and no data reach a program before their time.
 //!
-//! Received documents wait here, outside of the channels' memories. Requests are handed over in order, and each
-//! gets the cycles that its answer needs. A heartbeat lets 100 ms pass first, as soon as every command up to the
-//! one that it names has arrived, and only those are handed over. So the result does not depend on when bytes
-//! arrive: a client receives the results of a grant before it sends anything more, the answer last.
+//! Received documents wait here, outside of the channels' memories. Requests are passed on in order, and each gets the
+//! cycles that its answer needs. A heartbeat first lets 100 ms pass, as soon as every command up to the one that it
+//! names has arrived, and only these commands are passed on. So the result does not depend on when bytes arrive: a
+//! client receives the results of a grant before it sends anything more, and the answer last.
 
 use super::super::framer::Framer;
 use super::super::model::{Controller, TICK_MS};
@@ -110,7 +110,8 @@ impl Controller {
             let Some(next) = held.requests.front() else { return };
             let is_delivered = held.is_delivered(next, epoch);
             let is_heartbeat = next.operation == Some(wire::HEARTBEAT);
-            // A document that came after the heartbeat, such as an abort, does not wait for the heartbeat.
+            // A heartbeat whose commands have not arrived waits only if no document follows it: a later document, such
+            // as an abort, must not wait for the heartbeat.
             if held.serves || (is_heartbeat && !is_delivered && held.requests.len() == 1) {
                 return;
             }

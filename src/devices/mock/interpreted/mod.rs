@@ -1,17 +1,17 @@
 //! The controller's shipped programs, executed: two interpreters, EthernetKRL, the states of the robot program.
 //!
-//! Replaces the hand-written model of `submit`, `program` and `answer` if [`Setup::programs`] names programs; the
-//! arm, people's actions, faults and channels' bytes are the same. In each tick a seeded scheduler gives statements
-//! to the two interpreters in turns of any length, and sometimes starves one of them: any order that a controller
-//! could choose must be good.
+//! Replaces the hand-written model of `submit`, `program` and `answer` if [`Setup::programs`] names programs; the arm,
+//! people's actions, faults and channels' bytes are the same. In each tick a seeded scheduler gives statements to the
+//! two interpreters in turns of any length, and sometimes starves one of them: the programs must be correct with any
+//! order that a controller could choose.
 //!
 //! - `programs` (the executed programs), `running` (their state), `values` and `variables` (system variables),
-//!   `around` (the surroundings of a program), `ethernet` (the EKI functions)
+//!   `environment` (the parts of the controller that a program uses), `ethernet` (the EKI functions)
 //! - `robot_state` and `states` (selected, started, stopped, reset), `schedule` (one tick), `lock_step` and `held`
 //!   (what lets time pass), `seen` (values for tests)
 //!
-//! Not modelled: motions inside of interrupt programs, continuing a braked motion, triggers other than at a
-//! motion's end, HALT.
+//! Not modelled: motions inside of interrupt programs, continuing a braked motion, triggers other than at a motion's
+//! end, HALT.
 //!
 //! [`Setup::programs`]: super::Setup
 

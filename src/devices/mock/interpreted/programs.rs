@@ -26,7 +26,7 @@ pub struct Programs {
     /// Inputs and outputs are those of `cell_config.dat`; otherwise those of the mock controller's setup replace
     /// them.
     pub keeps_config: bool,
-    /// Remarks for a person before these programs are executed: file, line, and what is not executed or not known.
+    /// Remarks for a person about these programs: file, line, and what is not executed or not known.
     pub remarks: Vec<String>,
 }
 
@@ -43,15 +43,15 @@ const SHIPPED: [(&str, &str); 8] = [
 ];
 
 impl Programs {
-    /// Reads programs and data lists, each a name and a text. Statements that are not executed, or are doubtful,
-    /// are remarked.
+    /// Reads programs and data lists, each given as a name and a text. Statements that are not executed, or are
+    /// doubtful, are listed in the remarks.
     ///
     /// # Errors
     /// If a file is not correct, with file and line.
     pub fn load(files: &[(&str, &str)]) -> Result<Self, MockError> {
         let read: Vec<_> = files.iter().map(|(name, text)| parse(name, text)).collect();
-        // The versions of KSS differ in the functions that they lack; `panelprep check` reports what a version does
-        // not have.
+        // Each version of KSS lacks some functions; `panelprep check` reports what a version lacks, so the newest
+        // version is used here.
         let analysis = analyse(&read, Some(Kss { major: 8, minor: 7 }));
         let place =
             |name: &str, Problem { line, key, message }: &Problem| format!("{name}:{line}: {key}: {message}");

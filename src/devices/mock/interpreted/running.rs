@@ -19,7 +19,7 @@ pub(in super::super) struct Running {
     pub(super) values: Values,
     pub(super) cells: Cells,
     pub(super) draw: Pcg64,
-    /// How the scheduler treats the interpreters at present, and until when.
+    /// The scheduler's present bias towards one of the interpreters; the next field is the time at which it ends.
     pub(super) mood: SchedulerBias,
     pub(super) mood_until_ms: u64,
     /// The time at which the submit interpreter begins.
@@ -28,12 +28,12 @@ pub(in super::super) struct Running {
     /// The numbers of the motions that the mover has, oldest first.
     pub(super) sequences: VecDeque<u64>,
     pub(super) next_sequence: u64,
-    /// Triggers that are due: the number of the motion, and the time from which the trigger is due.
+    /// Triggers that are due: the number of the motion, and the time at which the trigger becomes due.
     pub(super) fired: VecDeque<(u64, u64)>,
     /// Errors that stopped an interpreter although no stop was intended.
     pub(super) faults: Vec<String>,
     pub(super) was_open: bool,
-    /// The last reason for which the safety controller or a person stopped the arm.
+    /// The last stop of the arm by the safety controller or a person: its time and cause.
     pub(super) pressed: Option<(u64, StopCause)>,
     pub(super) reset_since_ms: Option<u64>,
     /// The time at which a program that the safety controller stops is reported as stopped.
@@ -191,7 +191,7 @@ fn configure(memory: &mut Memory, programs: &Programs, setup: &Setup) {
     }
 }
 
-/// How the scheduler treats the interpreters.
+/// The scheduler's bias towards one of the interpreters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum SchedulerBias {
     Fair,

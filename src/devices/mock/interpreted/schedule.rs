@@ -10,7 +10,7 @@ use super::running::{Running, SchedulerBias};
 use crate::krl::Pause;
 use rand::RngExt;
 
-/// Statements per tick: enough for a cycle of the submit interpreter to end, and for one pass of the robot
+/// Number of statements per tick: enough to complete a cycle of the submit interpreter, and one pass of the robot
 /// program's loop.
 const SUBMIT_STATEMENTS: u32 = 2_000;
 /// Statements per tick if a cycle begins as soon as the last one has ended.
@@ -59,7 +59,7 @@ impl Running {
                 if submit_next {
                     submit.done |= self.step_submit(controller);
                     self.note_stop(controller);
-                    // A flag that was set may let the robot interpreter continue.
+                    // The submit interpreter may have set a flag for which the robot interpreter waits.
                     robot.done &= robot.left == 0 || !self.wakes(controller);
                 } else {
                     robot.done |= self.step_robot(controller);

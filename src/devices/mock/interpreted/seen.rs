@@ -26,7 +26,8 @@ impl Controller {
         }
     }
 
-    /// Until this time, EthernetKRL reads no configuration and opens no channel; open channels stay open.
+    /// Makes EthernetKRL fail until this time: it reads no configuration and opens no channel; open channels stay
+    /// open.
     pub fn fail_channels(&mut self, until_ms: u64) {
         if let Some(running) = &mut self.running {
             running.values.channels_fail_until_ms = until_ms;
@@ -66,8 +67,8 @@ impl Running {
         self.memory.int(self.cells.dead_epoch) == epoch && self.memory.int(self.cells.run_epoch) == epoch
     }
 
-    /// Returns whether the tool is on the panel or a planned motion of the robot program ends there, as far as that
-    /// program knows. If it cannot know better, it retracts, since a trigger may be late.
+    /// Returns whether, as far as the robot program knows, the tool is on the panel or a planned motion ends there. In
+    /// case of doubt the program retracts, since a trigger may be late.
     pub(super) fn is_near(&self) -> bool {
         let [read, write, places] =
             [self.cells.queue_read, self.cells.queue_write, self.cells.queue_places].map(|it| self.memory.int(it));
@@ -93,12 +94,12 @@ impl Running {
         self.memory.int(self.cells.under_air) + self.memory.int(self.cells.under_touch)
     }
 
-    /// Makes the controller give up the next motion.
+    /// Makes the controller abandon the next motion.
     pub(in super::super) fn refuse_motion(&mut self) {
         self.values.refuses = true;
     }
 
-    /// Leaves out the number of the next state message.
+    /// Skips the sequence number of the next state message.
     pub(in super::super) fn skip_state(&mut self) {
         let cell = self.cells.sequence.and_then(|cell| self.memory.cells.get_mut(cell as usize));
         if let Some(Cell::Int(number)) = cell {

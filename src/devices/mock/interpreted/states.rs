@@ -1,4 +1,4 @@
-//! The robot program's states, and what people, the safety controller and the cell's PLC do to them.
+//! The robot program's states, and the effects of people, the safety controller and the cell's PLC on these states.
 
 use super::super::contact::Contact;
 use super::super::log::{Stop, StopCause};
@@ -14,9 +14,9 @@ const RESTART_MS: u64 = 300;
 /// Time until the PLC starts the program again after a stop that is not reset.
 const GO_ON_MS: u64 = 1_500;
 
-/// Within this time after a stop, the controller decides whether and how the arm retracts.
+/// Time after a stop within which the controller decides whether and how the arm retracts.
 const RETRACT_BEGINS_MS: u64 = 500;
-/// A stop within this time after a person pressed something is caused by that person.
+/// Time after a person's action within which a stop is attributed to that person.
 const PRESSED_MS: u64 = 1_000;
 /// The time that a person needs to select another program.
 const SELECT_MS: u64 = 1_000;
@@ -41,7 +41,7 @@ impl Controller {
         self.safety.may_start()
     }
 
-    /// How often a program that is not the cell's was reset.
+    /// Returns how many times a program other than the cell's was reset.
     pub fn foreign_program_resets(&self) -> u32 {
         self.safety.foreign_program_resets
     }
@@ -213,7 +213,7 @@ impl Running {
 
     /// Notes that the programs have ended an epoch.
     pub(super) fn note_stop(&mut self, controller: &mut Controller) {
-        // The robot program itself ends an epoch if the submit interpreter is dead.
+        // If the submit interpreter is dead, the robot program itself ends the epoch.
         let is_open = self.memory.bool(self.cells.open) && !self.robot_has_ended();
         if is_open == self.was_open {
             self.complete_last_stop(controller);
@@ -234,9 +234,9 @@ impl Running {
         self.was_open = is_open;
     }
 
-    /// Completes the cause of a stop while its retract is being decided. `CELL_STOP` closes the epoch some
-    /// statements before it halts the robot program: a person who pressed something at that moment is the cause. A
-    /// line to the panel that was planned while the stop began shows only by the retract.
+    /// Completes the cause of a stop while its retract is being decided. `CELL_STOP` closes the epoch some statements
+    /// before it halts the robot program: if a person pressed something at that moment, the person is the cause. A
+    /// motion to the panel that was planned when the stop began can be recognised only by the retract.
     fn complete_last_stop(&self, controller: &mut Controller) {
         let pressed = self.pressed_lately(controller).filter(|_| self.is_halted(controller));
         let now_ms = controller.now_ms;
@@ -253,7 +253,7 @@ impl Running {
         self.values.state != RobotState::Active || controller.flags.get(&855) == Some(&true)
     }
 
-    /// Returns what a person pressed within the last second.
+    /// Returns the action of a person within the last second that stops the arm.
     fn pressed_lately(&self, controller: &Controller) -> Option<StopCause> {
         self.pressed.filter(|(at_ms, _)| controller.now_ms < at_ms + PRESSED_MS).map(|(_, cause)| cause)
     }

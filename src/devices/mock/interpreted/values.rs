@@ -70,9 +70,9 @@ pub(in super::super) struct Values {
     pub(super) changed: bool,
     /// An approximated motion from standstill does not wait for a next motion.
     pub(super) released: bool,
-    /// The reason why the arm gave up a motion.
+    /// The reason why the arm abandoned a motion.
     pub(super) gave_up: Option<String>,
-    /// The next motion will be given up.
+    /// Whether the next motion will be abandoned.
     pub(super) refuses: bool,
     pub(super) reset_asked: bool,
     /// The value of `$ROB_TIMER` at the start.

@@ -151,7 +151,7 @@ pub(super) fn read(
         Known::CouldStart => bool(safety.may_start()),
         Known::Moves => bool(controller.mover.is_in_motion()),
         Known::StopMessage => bool(values.stop_message),
-        // The value overflows as an INT of 32 bits does.
+        // The value overflows like a 32-bit INT.
         Known::Uptime => Ok(Cell::Int((controller.now_ms - controller.started_ms + values.uptime_ms) as i32)),
         Known::Advance => int(i64::from(values.advance)),
         Known::NullFrame => real(0.0),
@@ -190,8 +190,8 @@ pub(super) fn read(
     }
 }
 
-/// Returns CSEC, SEC, MIN, HOUR, DAY, MONTH, YEAR: a second later at each start, on a date that no real clock
-/// shows. So a mock controller's log cannot be mistaken for that of a real one.
+/// Returns CSEC, SEC, MIN, HOUR, DAY, MONTH, YEAR: one second later at each start, on a date that no real clock shows.
+/// So a mock controller's log cannot be mistaken for that of a real controller.
 fn date(boot: i64, component: usize) -> i64 {
     match component {
         1 => boot.rem_euclid(60),
@@ -234,8 +234,8 @@ pub(super) fn write(
             frame.parts[at] = part;
             if at == 5 {
                 let whole = frame.parts;
-                // Setting a frame again to the same value uses up no fault: the client sets it once, and it is
-                // reported back.
+                // Setting a frame again to the same value must not consume a fault: the client sets the frame only
+                // once, and the controller reports it back.
                 if frame.now != Some(whole) {
                     frame.now = controller.troubles.spoil_frame(is_base, whole).or(frame.now);
                 }

@@ -14,7 +14,7 @@ fn fifty_points_take_the_time_computed_by_hand() {
     assert_eq!((passed_ms.len(), passed_ms[9], passed_ms[49]), (50, 46 * 12, 217 * 12));
     assert_eq!(rig.ids(), (4..=53).collect::<Vec<i32>>());
     assert_eq!((rig.state("Done"), rig.state("Under"), rig.flag(3), rig.flag(7)), (53, 0, false, false));
-    // The base's X is the robot's X: after turns by 180 about both Z and X it points back.
+    // The base is rotated by 180° about both Z and X, so that its X points opposite to the robot's X.
     let expected = Point::at(BASE_MM[0] - 250.0, BASE_MM[1], BASE_MM[2]);
     assert!(rig.tool_tip().distance_mm(expected) < 1e-6, "{:?}", rig.tool_tip());
     assert!((rig.state_number("Tcp X") - 250.0).abs() < 1e-4);
@@ -90,8 +90,8 @@ fn the_trace_covers_the_contact() {
     let off_mm = |sample: &Sample| sample.base_from_tool.origin().mm.z - BASE_MM[2];
     assert!(trace.iter().all(|sample| sample.tool_on));
     assert!(trace.iter().filter(|sample| sample.sanding).all(|sample| off_mm(sample) < 1.0));
-    // Calculated by hand: 40 mm at 1.2 mm a tick are 33 samples; the halves of the blended corners are counted on
-    // both sides.
+    // Calculated by hand: 40 mm at 1.2 mm a tick are 33 samples, with a tolerance for the halves of the blended
+    // corners at both ends.
     let sanding = trace.iter().filter(|sample| sample.sanding).count();
     assert!((31..=35).contains(&sanding), "{sanding}");
     // The path begins and ends 20 mm above the surface, so the trace begins and ends in the air.
@@ -131,8 +131,8 @@ fn dense_points_slow_the_arm_down() {
     assert_eq!(rig.state("Under"), 0);
 }
 
-/// Faster, then slower: 200 mm/s are commanded for the first half, 50 for the second; the speed is already reduced
-/// when the second begins.
+/// A fast motion is followed by a slower one: 200 mm/s are commanded for the first half, 50 for the second; the speed
+/// is already reduced when the second half begins.
 #[test]
 fn a_slower_move_is_braked_for_before_it_begins() {
     let mut rig = Rig::ready(Clock::LockStep);
@@ -160,7 +160,8 @@ fn turning_in_place_takes_time() {
     let from_ms = rig.controller.time_ms();
     rig.command(2, [0, 0], [0.0; 2], [0.0, 0.0, 0.0, 90.0, 0.0, 0.0]);
     rig.settle();
-    // By hand: a degree counts 100/200 mm, 45 mm at 100 mm/s and 1000 mm/s² need 0.55 s, 46 ticks.
+    // Calculated by hand: one degree counts as 100/200 mm, so 90° count as 45 mm; at 100 mm/s and 1000 mm/s² they need
+    // 0.55 s, 46 ticks.
     assert_eq!(rig.controller.executed()[0].time_ms - from_ms, 46 * 12);
     assert!((rig.controller.joints().a6_deg.abs() - 90.0).abs() < 1e-6, "{:?}", rig.controller.joints());
 }
@@ -234,8 +235,8 @@ fn standing_at(angles_deg: [f64; 6]) -> Rig {
 }
 
 /// The wrist moves from 20° on one side to the other side, past the straight position by about 1.5°. Axis 4 has to
-/// turn half around and is given the time. By hand: the rotation alone would need about 0.3 s, axis 4 needs 150° /
-/// 450°/s = 0.33 s more.
+/// turn by almost half a turn, so the tool slows down. Calculated by hand: the rotation alone would need about 0.3 s,
+/// axis 4 needs 150° / 450°/s = 0.33 s more.
 #[test]
 fn near_the_wrists_pole_the_tool_slows_down() {
     let mut rig = standing_at([0.0, -90.0, 90.0, 90.0, 20.0, -90.0]);
@@ -254,8 +255,8 @@ fn near_the_wrists_pole_the_tool_slows_down() {
     assert!((rig.controller.joints().a4_deg + 81.5).abs() < 0.01, "{:?}", rig.controller.joints());
 }
 
-/// A line behind the robot from A1 = 160 to A1 = −160 would have to pass 180: both ends can be reached, the points
-/// between them cannot.
+/// A linear motion behind the robot from A1 = 160 to A1 = −160 would have to pass 180: both ends can be reached, the
+/// points between them cannot.
 #[test]
 fn a_line_that_needs_another_configuration_stops() {
     let behind = |a1_deg: f64| [a1_deg, -90.0, 90.0, 0.0, 60.0, 0.0];

@@ -8,7 +8,7 @@ const SHUTTER: u16 = 3;
 const EXTRACTION: u16 = 4;
 const ALL: [u16; 5] = [LIGHT, SPRAY, SHUTTER, EXTRACTION, TOOL_OUTPUT];
 
-/// Creates a rig with every output on, an epoch open, nothing queued and a client that is heard.
+/// Creates a rig with every output on, an open epoch, nothing queued and a client that is not silent.
 fn all_on() -> Rig {
     let mut rig = Rig::ready(Clock::Free);
     for output in ALL {
@@ -60,7 +60,7 @@ fn every_end_of_an_epoch_switches_its_outputs_off_in_time() {
     }
 }
 
-/// The submit interpreter counts the times; if it is dead, the robot program switches all outputs off.
+/// The submit interpreter counts the delays; if it is dead, the robot program switches all outputs off at once.
 #[test]
 fn a_dead_submit_interpreter_leaves_nothing_on() {
     let mut rig = all_on();
@@ -90,7 +90,7 @@ fn an_open_epoch_keeps_its_outputs_and_a_second_stop_changes_nothing() {
     assert_eq!(on(&rig), [LIGHT, SPRAY, SHUTTER, EXTRACTION], "90 s in the next epoch");
 }
 
-/// In the past, one request with the highest number left no number for further requests.
+/// In an earlier version, a single request with the highest number left no numbers for further requests.
 #[test]
 fn no_request_uses_the_count_up() {
     for operation in [11, 12] {

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// By hand: boot 1, sum 1, EXT, flags 1 + 2 + 4 + 16 = drives, no e-stop, guard, motion possible.
+/// Calculated by hand: boot 1, sum 1, EXT, flags 1 + 2 + 4 + 16 = drives, no e-stop, guard, motion possible.
 #[test]
 fn the_first_state_is_as_agreed() {
     let mut rig = Rig::before_reset(Clock::LockStep);
@@ -42,7 +42,7 @@ fn a_heartbeat_waits_for_the_commands_that_it_names() {
     assert_eq!(rig.controller.time_ms(), 0);
     rig.controller.command_bytes(documents[1].as_bytes());
     assert_eq!(rig.controller.time_ms(), 96);
-    // The heartbeat does not wait for ever either: the channel may be lost first.
+    // The heartbeat does not wait for ever if the channel is lost before.
     let mut lost = Rig::new(Clock::LockStep);
     lost.id = 7;
     lost.beat();
@@ -85,7 +85,7 @@ fn states_come_unasked_on_the_wall_clock() {
     assert_eq!(rig.state("Re"), 1);
 }
 
-/// Eight commands a tick; 100 that cannot be executed fill the ring, and the next one is refused.
+/// Eight commands are read per tick; 100 that cannot be executed fill the ring, and the next one is refused.
 #[test]
 fn the_ring_refuses_when_it_is_full() {
     let mut rig = Rig::ready(Clock::LockStep);
@@ -159,7 +159,7 @@ fn only_the_present_epoch_is_executed() {
     rig.open();
     rig.beat();
     assert_eq!((rig.ack("Err"), rig.ack("Ep")), (0, 1), "a new epoch forgets");
-    // A gap ends the epoch.
+    // A gap in the ids ends the epoch.
     rig.command(6, [1, 1], [0.0; 2], [0.0; 6]);
     rig.id += 1;
     let gap = rig.command(6, [2, 1], [0.0; 2], [0.0; 6]);
@@ -170,8 +170,8 @@ fn only_the_present_epoch_is_executed() {
     assert!(
         rig.flag(7) && !rig.controller.outputs().contains_key(&2) && !rig.controller.outputs().contains_key(&3)
     );
-    // A command that is in flight while its epoch ends is dropped and leaves no mark on the new epoch. A command of
-    // a future epoch is refused.
+    // A command that is still in transit when its epoch ends is dropped and does not affect the new epoch. A command
+    // of a future epoch is refused.
     rig.open();
     rig.controller.command_bytes(command(1, 2, 6, [1, 1], [0.0; 2], [0.0; 6]).as_bytes());
     rig.beat();
@@ -229,7 +229,7 @@ fn a_channel_with_a_timeout_does_not_listen_for_ever() {
     assert_eq!(controller.fault(Channel::State), Some(EkiFault::TimeLimit));
 }
 
-/// Input 12 is represented by flag 870, which the cell's own programs read; `In` still reports $IN.
+/// The cell's own programs read flag 870 in place of input 12; `In` still reports $IN.
 #[test]
 fn a_mapped_input_sets_its_flag() {
     let mut rig = Rig::ready(Clock::LockStep);

@@ -73,7 +73,7 @@ fn abort_in_the_air_only_stops() {
     rig.ask(11, 2);
     rig.settle();
     assert!((rig.tool_tip().mm.z - BASE_MM[2]).abs() < 1e-6 && rig.ids().len() < 60);
-    // An abort stops also if its number is not higher.
+    // An abort stops the arm even if its number is not higher.
     let mut rig = sanding(Clock::LockStep);
     rig.ask(11, 0);
     assert_eq!((rig.state("Ep"), rig.flag(7)), (1, true));
@@ -87,13 +87,13 @@ fn starving_in_contact_retracts() {
     assert_retracted(&mut rig);
     assert_eq!((rig.state("Under"), rig.causes(), rig.ids().len()), (1, vec![StopCause::Underrun], 10));
     assert!((rig.tool_tip().mm.x - (BASE_MM[0] - 50.0)).abs() < 1e-6, "stood exactly on the tenth point");
-    // The arm does not stay in contact at the end of a path that ends in contact, either.
+    // The arm does not stay in contact either after a path whose last point is in contact.
     let mut rig = Rig::ready(Clock::LockStep);
     rig.line(10, 10, true);
     assert_retracted(&mut rig);
 }
 
-/// Calculated by hand: the last frame comes at the end of a beat; 34 ticks or 408 ms later nothing was heard for
+/// Calculated by hand: the last frame arrives at the end of a beat; 34 ticks or 408 ms later, nothing was received for
 /// 400 ms.
 #[test]
 fn silence_stops_what_is_queued() {
@@ -121,8 +121,9 @@ fn silence_stops_what_is_queued() {
     assert_eq!((quiet.causes(), quiet.controller.is_connected(Channel::State)), (vec![StopCause::LinkLost], false));
 }
 
-/// The command channel's client has disconnected, the state channel's has disappeared without closing. A client
-/// that tries again every second must not keep the dead one alive, and is served after three.
+/// The command channel's client has disconnected, the state channel's client has disappeared without closing. A client
+/// that tries again every second must not keep the disappeared client's channel open, and is accepted after three
+/// seconds.
 #[test]
 fn a_client_that_tries_again_does_not_keep_a_dead_one_alive() {
     let mut rig = Rig::ready(Clock::Free);
@@ -200,8 +201,7 @@ fn the_e_stop_stops_at_once_and_its_release_continues_nothing() {
     rig.ask(11, 2);
     rig.beats(3);
     assert!(rig.tool_tip().distance_mm(at) < 1e-12, "nothing goes on, nothing retracts later");
-    // After a reset of the program there is no motion until the program is started, and the position of the tip is
-    // not known.
+    // After a reset of the program there is no motion until the program is started, and the TCP position is not known.
     assert!(!rig.flag(4) && rig.states.contains("<Tcp X=\"0.000000\" Y=\"0.000000\" Z=\"0.000000\""));
     (rig.epoch, rig.id) = (2, 0);
     rig.open();

@@ -55,8 +55,8 @@ const SHUTTER: u32 = 0b100;
 /// The same number as `lens_shut` in the cell's file.
 const SHUT_INPUT: u16 = 2;
 
-/// Calculated by hand: base at X 100, the tip 10 to 16 mm in front of it and the flange 120 mm behind; 6 mm in
-/// steps of 1 mm.
+/// Calculated by hand: the base is at X 100, the TCP 10 to 16 mm in front of the base and the flange 120 mm behind the
+/// TCP; 6 mm in steps of 1 mm.
 #[test]
 fn the_tool_goes_straight_from_one_message_to_the_next() {
     let follower = follower();
@@ -94,8 +94,8 @@ fn outputs_act_on_the_world_and_time_goes_on() {
     assert!((1_250..2_000).contains(&follower.moment().expect("told").time_ms()));
 }
 
-/// By hand: the shutter needs 250 ms. It opened at 2.050 s, so the controller reads its feedback at 2.300 s. A scan
-/// that the feedback in that message allows sees the panel.
+/// Calculated by hand: the shutter needs 250 ms. It opened at 2.050 s, so the controller reads its feedback at 2.300
+/// s. A scan that is taken because of the feedback in that message sees the panel.
 #[test]
 fn a_lens_whose_feedback_is_told_is_open() {
     let follower = follower();
@@ -111,7 +111,8 @@ fn a_lens_whose_feedback_is_told_is_open() {
     assert!(!is_shut(8_899) && is_shut(8_900));
 }
 
-/// A pass along a spot in messages of 100 ms heals the spot; a pass 3 mm above it does not.
+/// If messages every 100 ms show a pass over a spot, the spot's grease is removed; with a pass 3 mm above it, this is
+/// not so.
 #[test]
 fn what_the_messages_tell_abrades() {
     let follower = follower();

@@ -36,7 +36,7 @@ impl Host {
             CameraRequest::Check => Request::State,
             CameraRequest::Light => Request::Light,
         };
-        // Every request other than for its next picture ends a clip.
+        // Every request except the one for the next picture ends a clip.
         self.takes_clip =
             matches!(ask, CameraRequest::BeginClip(_)) || self.takes_clip && ask == CameraRequest::NextPicture;
         let during = ask.words();

@@ -1,18 +1,18 @@
-//! Supervises a worker: starts it, opens the camera, warms it up, watches it, sends it requests, and restarts it
-//! while its budget lasts.
+//! Supervises a worker: starts it, opens the camera, warms it up, watches it, sends it requests, and restarts it while
+//! its budget lasts.
 //!
 //! ```text
 //! start ─ hello ─ connect ─ settings ─ warm-up ─ ready ─┬─ asked … ─┐
 //!   ↑                ↑________________ camera gone ______│           │
 //!   └─── restart, within the budget ──── worker lost ────┴───────────┘
 //! ```
-//! It runs on a thread of its own and answers through a channel, so that no caller waits longer than its deadline.
-//! A worker is lost if it ends, stalls, or sends what cannot be read; then it is killed, since nothing that it
-//! sends later could be trusted. The same worker searches again and again for an absent camera, which is reported
-//! once. Each fault is recorded in words; none is corrected silently. A camera that receives no requests is asked
-//! for its temperature now and then, from which [`warmth`](super::warmth) is judged.
+//! The supervisor runs on a thread of its own and answers through a channel, so that no caller waits longer than its
+//! deadline. A worker is considered lost if it ends, stalls, or sends data that cannot be read; then it is killed,
+//! since its later data could not be trusted. If the camera is absent, the same worker searches for it repeatedly, and
+//! the absence is reported once. Each fault is recorded as a text; none is corrected silently. A camera without
+//! requests is asked for its temperature at intervals, so that [`warmth`](super::warmth) can be judged.
 //!
-//! - `shared`: its setup, its state, the possible requests · `opening` · `asking` · `losing` · `outcome`
+//! - `shared`: its setup, its state, the possible requests · `opening` · `exchange` · `worker_restart` · `outcome`
 
 mod exchange;
 mod opening;
@@ -39,7 +39,7 @@ pub use shared::{CameraAnswer, CameraRequest, Patience, QueuedRequest, Setup, Sh
 /// Interval of the checks of an idle worker.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
-/// Time limit for a worker that hung up to end by itself.
+/// Time limit for a worker to end by itself after it closed its connection.
 const EXIT_TIMEOUT: Duration = Duration::from_millis(500);
 
 /// Time limit for a worker that is released: it closes its camera, so that the next client finds it free.
@@ -127,7 +127,7 @@ impl Host {
         }
     }
 
-    /// Starts and opens the camera as far as possible.
+    /// Starts the worker and opens the camera, as far as this is due and possible.
     fn look_after(&mut self) {
         if matches!(self.shared.status().stage, Stage::Down(_)) {
             return;
@@ -139,7 +139,8 @@ impl Host {
         } else if self.camera.is_none() && Instant::now() >= self.search {
             self.open();
         } else if self.camera.is_some() && !self.takes_clip && self.shared.is_temperature_due(now_ns()) {
-            // The course of its temperature shows whether the camera is warm; a fault is reported like any other.
+            // The temperatures over time show whether the camera is warm; a fault in this request is reported like any
+            // other.
             drop(self.asked(CameraRequest::Check));
         }
     }
@@ -161,7 +162,7 @@ impl Host {
         }
     }
 
-    /// Returns the fault with the time that is left now.
+    /// Returns the fault with the remaining waiting time as of now.
     fn as_of_now(&self, fault: ZividFault) -> ZividFault {
         match fault {
             ZividFault::Down { ended, allowed, within, last, .. } => {
@@ -174,7 +175,7 @@ impl Host {
 
     /// Handles a person's request for a worker that stays down.
     fn revived(&mut self, fault: ZividFault) -> Result<CameraAnswer, ZividFault> {
-        // Causes that the budget does not cover, such as a missing library, may be removed at any time.
+        // A cause other than the budget, such as a missing library, may be removed at any time, so the start is tried.
         let by_budget = matches!(fault, ZividFault::Down { .. });
         if by_budget && self.budget.asked(self.began.elapsed()) == Verdict::StayDown {
             return Err(self.as_of_now(fault));
@@ -183,7 +184,7 @@ impl Host {
         self.looked()
     }
 
-    /// Returns the answer to a person's request after an attempt to open the camera.
+    /// Returns the answer to a person's request for the camera, after an attempt to open it.
     fn looked(&mut self) -> Result<CameraAnswer, ZividFault> {
         let stage = self.shared.status().stage.clone();
         match stage {

@@ -130,7 +130,7 @@ impl Host {
         })
     }
 
-    /// The worker is present, but the camera is not as it should be.
+    /// Handles the state in which the worker is present, but the camera cannot be used because of this fault.
     pub(super) fn without_camera(&mut self, fault: ZividFault) {
         self.camera = None;
         let is_known = matches!(&self.shared.status().stage, Stage::NoCamera(known) if *known == fault);
@@ -151,8 +151,8 @@ fn foreign(during: &'static str, answer: &Answer) -> Opening {
     Opening::Lost(during, Loss::Damaged(name(answer)))
 }
 
-/// Returns when to search again. The search is soon for an absent camera, which may be connected at any time. It is
-/// ever later for a faulty camera, since each attempt may expose and heat it.
+/// Returns the delay until the next search. The delay is short for an absent camera, which may be connected at any
+/// time. For a faulty camera it increases each time, since each attempt may expose and heat the camera.
 fn next_pause(fault: &ZividFault, last: Duration, shortest: Duration) -> Duration {
     match fault {
         ZividFault::NotFound(_) | ZividFault::InUse(_) | ZividFault::OutOfReach(_) => shortest,

@@ -1,4 +1,4 @@
-//! The state that the thread which supervises a worker shares with those who make requests.
+//! The state shared between the thread that supervises a worker and the threads that make requests.
 
 use crate::devices::zivid::budget::Restarts;
 use crate::devices::zivid::fault::ZividFault;
@@ -25,7 +25,7 @@ pub struct Setup {
     pub scan_yaml: String,
     /// Settings of pictures.
     pub picture_yaml: String,
-    /// How often the worker is started again.
+    /// The limit for restarts of the worker.
     pub restarts: Restarts,
     /// Time limits for the answers.
     pub patience: Patience,
@@ -81,7 +81,7 @@ impl Patience {
             | CameraRequest::NextPicture
             | CameraRequest::EndClip => self.picture,
             CameraRequest::Intrinsics | CameraRequest::Check => self.words,
-            // This measurement exposes for a while.
+            // The measurement includes an exposure of some duration.
             CameraRequest::Light => self.scan,
         }
     }
@@ -94,7 +94,7 @@ pub enum Stage {
     Starting(Instant),
     /// It delivers.
     Ready(Identity),
-    /// The worker is present; the camera is absent, or not as it should be.
+    /// The worker is present; the camera is absent, or cannot be used.
     NoCamera(ZividFault),
     /// The worker stays down until a person requests it.
     Down(ZividFault),
@@ -105,7 +105,7 @@ pub enum Stage {
 pub struct Status {
     /// The camera's state.
     pub stage: Stage,
-    /// How often a worker was lost.
+    /// Number of times that a worker was lost.
     pub lost: usize,
     /// The last faults, in order.
     pub faults: VecDeque<ZividFault>,
@@ -202,7 +202,7 @@ pub enum CameraRequest {
     EndClip,
     /// The camera's model of its lens, for 3D shots.
     Intrinsics,
-    /// Its temperatures; a worker that stays down is started again if its budget allows.
+    /// Reads the camera's temperatures; a worker that stays down is started again if its budget allows.
     Check,
     /// Measure how the ambient light flickers.
     Light,

@@ -1,4 +1,4 @@
-//! Lost workers: each is ended, its fault is recorded, and it is restarted if the budget allows.
+//! Handles lost workers: a lost worker is ended, its fault is recorded, and it is restarted if the budget allows.
 
 use super::outcome::Loss;
 use super::{EXIT_TIMEOUT, Host, Stage, Worker};
@@ -48,17 +48,17 @@ impl Host {
         ZividFault::Down { ended: most + 1, allowed: most, within, last: last.to_string(), wait }
     }
 
-    /// Ends the worker; none is started before a person requests it.
+    /// Ends the worker; no other worker is started until a person requests one.
     pub(super) fn down(&mut self, fault: ZividFault) {
         self.end_worker();
         self.shared.note(&fault);
         self.shared.becomes(Stage::Down(fault));
     }
 
-    /// Ends the worker. Returns how it ended, if it did so by itself.
+    /// Ends the worker. Returns how it had ended, if it had already ended by itself.
     pub(super) fn end_worker(&mut self) -> Option<String> {
         (self.camera, self.takes_clip) = (None, false);
-        // A shot of another worker is not a repetition of a shot of this worker.
+        // The first shot of another worker must not count as a repetition of a shot of this worker.
         (self.last_number, self.scan.last_sum, self.picture.last_sum) = (0, None, None);
         let Worker { link, mut peer } = self.worker.take()?;
         drop(link);

@@ -67,13 +67,13 @@ fn each_call_of_the_sdk_is_listed_and_each_listed_one_is_made() {
     assert!(unlisted.is_empty(), "CALLS.md does not list {unlisted:?}");
     let adapter = text("panelprep_zivid.cpp");
     let made: BTreeSet<&str> = words(&adapter).collect();
-    // The types that a call returns are not named at the call.
+    // The types of returned values are not named at the call, so types are left out.
     let is_made = |name: &String| made.contains(name.as_str()) || name.starts_with(char::is_uppercase);
     let stale: Vec<_> = listed.iter().filter(|name| !is_made(name)).collect();
     assert!(stale.is_empty(), "CALLS.md lists {stale:?}, which nothing calls");
 }
 
-/// An older SDK is refused when the library is built, with the reason.
+/// With an older SDK the library cannot be built, and the reason is reported.
 #[test]
 fn an_older_sdk_does_not_build_it_and_says_why() {
     let folder = tempfile::tempdir().expect("a folder");

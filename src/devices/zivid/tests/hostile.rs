@@ -13,8 +13,8 @@ use std::time::{Duration, Instant};
 /// Number of frames before a shot: the worker's first message, connect, two settings and the warm-up.
 const SHOT: usize = 5;
 
-/// Does this to the worker's n-th frame, counted over all workers, before it is forwarded. Returns whether the rest
-/// is sent.
+/// Changes the worker's n-th frame, counted over all workers, before it is forwarded. Returns whether the rest is
+/// sent.
 type Tamper = dyn Fn(usize, &mut Vec<u8>) -> Rest + Send + Sync;
 
 enum Rest {
@@ -34,7 +34,7 @@ fn frame(worker: &mut UnixStream) -> Option<Vec<u8>> {
     Some(bytes)
 }
 
-/// Good workers with frames that are tampered with on the way.
+/// Returns a launcher of good workers whose frames are changed in transit.
 fn tampered(tamper: impl Fn(usize, &mut Vec<u8>) -> Rest + Send + Sync + 'static) -> Launcher {
     let (frames, tamper): (_, Arc<Tamper>) = (Arc::new(AtomicUsize::new(0)), Arc::new(tamper));
     let inner = Mutex::new(super::played::played(Plan::default()));
@@ -219,12 +219,12 @@ fn the_fourth_end_stays_down_and_says_so() {
     assert!(matches!(scanner.shot(), Err(ZividFault::Down { .. })));
 }
 
-/// Virtual time is tested in `budget`. Here the period is short, and a person's reset starts the worker again after
-/// it.
+/// The behaviour in virtual time is tested in `budget`. Here the period is short, and a person's reset starts the
+/// worker again after the period.
 #[test]
 fn a_person_has_it_started_again_when_the_time_is_over() {
     let restarts = Restarts { most: 1, within: Duration::from_millis(300) };
-    // The warm-up of the first two workers does not arrive.
+    // The reply to the warm-up of the first two workers does not arrive.
     let launch = tampered(|number, bytes| {
         if [SHOT - 1, 2 * SHOT - 1].contains(&number) {
             bytes.clear();

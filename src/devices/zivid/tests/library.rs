@@ -11,7 +11,7 @@ use crate::geometry::PinholeCamera;
 use std::path::Path;
 use std::process::Command;
 
-/// Writes a camera file with these lines and returns the camera that it plays.
+/// Writes a camera file with these lines and returns the camera that is simulated from it.
 fn file_camera(folder: &Path, lines: &str) -> (Setup, Launcher) {
     let file = folder.join("camera.zfc");
     std::fs::write(&file, lines).expect("written");
@@ -22,7 +22,7 @@ fn file_camera(folder: &Path, lines: &str) -> (Setup, Launcher) {
         picture_yaml: PICTURE.to_owned(),
         ..super::played::setup()
     };
-    // Built before anything waits for a worker.
+    // The library is built first, so that no worker has to wait for this.
     let library = library();
     let launch = in_thread(move |stream| {
         let sdk = Sdk::open(library).expect("the library");
@@ -55,11 +55,12 @@ fn the_camera_behind_the_sdk_does_what_every_scanner_does() {
     let taken = scanner.shot().expect("a shot").taken;
     assert_eq!((taken.serial.as_str(), taken.lens_c), ("2127A0F3", Some(35.5)));
     assert_eq!(scanner.history().0, []);
-    // This also makes requests that must be refused.
+    // These tests also make requests that must be refused.
     conform::clips(&mut scanner, &lens(), || ());
 }
 
-/// By hand, for pixel (81, 50) of 162×100: z = 700 + 25 sin 3 + 15 · 50/162 = 708.158 and up to 0.05 more, x = 0.5 z / f.
+/// Calculated by hand, for pixel (81, 50) of 162×100: z = 700 + 25 sin 3 + 15 · 50/162 = 708.158 and up to 0.05 more,
+/// x = 0.5 z / f.
 #[test]
 fn numbers_come_through_the_interface_as_they_were() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -48,7 +48,8 @@ fn a_good_camera_delivers_all_it_is_asked_for() {
     assert_eq!(scanner.history().0, [], "nothing went wrong");
 }
 
-/// True times, in order; a reader that sleeps loses the oldest, and their number is reported to it.
+/// The times of a clip are real and increase; a reader that sleeps loses the oldest pictures, and receives their
+/// number.
 #[test]
 fn a_clip_has_true_times_and_drops_the_oldest() {
     let mut scanner = ready(Plan::default());
@@ -61,7 +62,7 @@ fn a_clip_has_true_times_and_drops_the_oldest() {
     }
     std::thread::sleep(Duration::from_millis(150));
     let late = scanner.next_of_clip().expect("a picture").taken;
-    // 30 were due; three wait. A busy machine produces fewer.
+    // 30 pictures were due and three are waiting; a busy machine produces fewer, so the limit is low.
     assert!(late.dropped >= 3, "{late:?}");
     let end = scanner.end_clip().expect("over");
     assert!(end.taken >= end.dropped + 6 && end.dropped >= late.dropped, "{end:?}");
@@ -73,7 +74,7 @@ fn a_clip_has_true_times_and_drops_the_oldest() {
     assert!(scanner.begin_clip(0.0).is_err() && scanner.begin_clip(f64::NAN).is_err());
 }
 
-/// The sensor's action at its n-th shot, and the resulting report.
+/// For each case, the sensor's behaviour at its n-th shot, and the resulting message.
 #[test]
 fn each_trouble_of_the_camera_has_its_name() {
     let cases: [(Plan, &str); 8] = [
@@ -153,7 +154,7 @@ fn two_black_pictures_are_two_pictures() {
     assert_eq!(scanner.history().0, []);
 }
 
-/// A person's reset searches at once for a camera, even if its next search is far off.
+/// A person's reset starts a search for an absent camera at once, even if the next search is not due for a long time.
 #[test]
 fn a_check_looks_for_a_camera_that_is_absent() {
     let mut setup = setup();

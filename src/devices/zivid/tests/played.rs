@@ -21,7 +21,7 @@ pub struct Plan {
     pub missing: Vec<u64>,
     pub infinite: Vec<u64>,
     pub half: Vec<u64>,
-    /// A ShotInfo from before the request.
+    /// Metadata from before the request.
     pub old: Vec<u64>,
     pub frozen: Vec<u64>,
     pub gone: Vec<u64>,
@@ -30,13 +30,13 @@ pub struct Plan {
     pub panics: Vec<u64>,
     /// Pictures without a light.
     pub dark: Vec<u64>,
-    /// This number of attempts to open the camera find none.
+    /// Number of attempts to open the camera that find no camera.
     pub absent_for: u64,
 }
 
 pub fn setup() -> Setup {
     let ms = Duration::from_millis;
-    // Long if a busy machine may be slow, short if a test waits for the end of the time.
+    // The time limits are long if a busy machine may be slow, and short if a test waits for their end.
     let patience = Patience { search: ms(5), ..Patience::default() };
     Setup {
         source: Source::Only,
@@ -166,7 +166,7 @@ impl Sensor for Played {
         }
     }
 
-    /// Point k is (k, content, 700 + content).
+    /// Returns a scan whose point k is (k, content, 700 + content).
     fn scan(&mut self, slot: Slot) -> Result<(Exposed, Planes), Refusal> {
         assert_eq!(slot, Slot(0));
         let (number, exposed) = self.expose()?;

@@ -55,7 +55,7 @@ fn standstill_is_told_only_when_the_robot_stands() {
     assert!(matches!(cell.events()[..], [.., Report::Standstill { .. }]));
 }
 
-/// The last state is of 1,200 ms. The abort is sent 400 ms later, and the link is closed after one second.
+/// The last state arrives at 1,200 ms. The abort is sent 400 ms later, and the link is closed after one second.
 #[test]
 fn silence_with_a_path_underway_aborts_and_then_gives_up() {
     let mut cell = Cell::ready();

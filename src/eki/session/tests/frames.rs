@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// Straight lines wait until the state shows base and tool; nothing else releases them.
+/// Linear motions wait until the state shows base and tool; nothing else releases them.
 #[test]
 fn no_line_is_sent_before_base_and_tool_are_seen() {
     let mut cell = Cell::ready();

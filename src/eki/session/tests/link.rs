@@ -170,8 +170,9 @@ fn another_clients_epoch_is_told_and_left_behind() {
     assert_eq!(cell.controller.epoch, 21);
 }
 
-/// Before its first message, a channel that closes has another client, and a message of the other channel comes
-/// from exchanged ports. After a first message the two are reported as a closed channel and an invalid message.
+/// Before the first message, a closed channel means that another client is connected, and a message of the other
+/// channel means that the ports are exchanged. After a first message the two are reported as a closed channel and an
+/// invalid message.
 #[test]
 fn what_ends_a_connection_before_a_word_is_named_as_what_it_is() {
     let losses = |after_a_word: bool| {

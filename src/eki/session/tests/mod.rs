@@ -15,7 +15,7 @@ use crate::eki::{
 use crate::geometry::KukaPose;
 use std::time::Duration;
 
-/// A minimal controller by the wire's description: it executes commands at a set rate and answers at once.
+/// A minimal controller that follows the wire format: it executes commands at a set rate and answers at once.
 struct Controller {
     now_ms: u64,
     epoch: u32,
@@ -28,7 +28,7 @@ struct Controller {
     frames: [Option<[String; 6]>; 2],
     sequence: u32,
     answered: u32,
-    /// Added to the request that it reports as answered.
+    /// Offset that is added to the number of the last answered request in the controller's reports.
     answers_ahead: u32,
     flags: u32,
     /// The program has stopped the epoch.

@@ -4,7 +4,7 @@ use super::*;
 use crate::eki::EPOCH_STEP;
 use rayon::prelude::*;
 
-/// Within this time after an abort is commanded, the controller has stopped, ms.
+/// Time limit in which the controller must have stopped after an abort is commanded, ms.
 const BOUND_MS: u64 = 500;
 /// The ends of every field's range, values beyond it, and the ends of an epoch step; the epoch is 6 to 8 here.
 const VALUES: [i64; 9] =
@@ -89,7 +89,7 @@ impl Cell {
             Channel::Command => self.session.push_command_bytes(message.as_bytes(), now),
             Channel::State => self.session.push_state_bytes(message.as_bytes(), now),
         }
-        // Refused only if the connection is given up, which also stops the controller.
+        // The abort is refused only if the connection was closed, which also stops the controller.
         assert_eq!(self.session.abort().is_err(), !self.session.is_connected(), "{name}");
         self.pass_to_the_end(BOUND_MS);
         assert!(self.controller.stopped && self.controller.ring.is_empty(), "{name}: it runs on");
@@ -138,8 +138,8 @@ fn a_stop_reaches_the_controller_after_any_value_of_any_field_in_any_state() {
     });
 }
 
-/// A message that used up all numbers in an earlier version: the abort is sent with a number that leaves a next
-/// one.
+/// In an earlier version this message used up all epoch numbers. Now the abort is sent with a number after which at
+/// least one more is left.
 #[test]
 fn the_last_epoch_in_one_message_is_not_believed() {
     for message in [Channel::Command, Channel::State] {
@@ -165,7 +165,7 @@ fn the_last_epoch_in_one_message_is_not_believed() {
     }
 }
 
-/// A controller with a damaged count is refused in words, each time, and never commanded.
+/// A controller with a damaged count is refused with an explanation each time, and never commanded.
 #[test]
 fn a_controller_at_the_end_of_its_count_is_refused() {
     let mut cell = Cell::new();
@@ -227,9 +227,9 @@ fn an_abort_waits_for_no_greeting() {
     assert_eq!(cell.session.open_epoch(), Ok(Epoch(7)));
 }
 
-/// The count of a cell after its controller was restarted from its files: it is reached in steps, since no number
-/// is used twice. A store from a backup, which knows less than the controller, continues from the controller's
-/// count.
+/// After a controller was restarted from its files, its epoch is far below the cell's. The next epoch is reached in
+/// steps, since no number is used twice. A store from a backup, which knows less than the controller, continues from
+/// the controller's count.
 #[test]
 fn epochs_go_on_above_what_either_side_knows() {
     let mut cell = Stage::Idle.cell();

@@ -90,12 +90,12 @@ impl Patch {
     }
 }
 
-/// The place of the diffuser, as the panel mirrors it to the camera.
+/// The position of the diffuser, as the panel mirrors it to the camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Field {
     /// The diffuser is to the side: the film mirrors the dark room.
     Dark,
-    /// The diffuser is everywhere above: the whole film mirrors it.
+    /// The diffuser covers everything above the panel: the whole film mirrors it.
     Bright,
     /// The film mirrors the diffuser's edge and gaps, and the robot.
     Mixed,

@@ -1,14 +1,14 @@
 //! The second renderer of a film, by optics, and the results of the test on its clips.
 //!
-//! A film is a mirror that moves. It reflects a diffuser, the room, the robot and dark gaps by Fresnel's laws on
-//! its own normals, over a panel that is darker because of the water on it ([`light`]). It drains, waves run on it,
-//! and it opens on greasy places up to a wedge of the contact angle ([`water`]). A dry place is dull: diffuse, with
-//! a blurred gloss and a weave. Whether a break is darker or brighter than the film, or looks the same, follows
-//! from that. Mains tint the pictures by channel, a projector may be seen in the film ([`scene`]), and sanding
-//! changes the panel's look ([`sanding`]). The sources of the numbers are in these modules.
+//! A film is a mirror that moves. It reflects a diffuser, the room, the robot and dark gaps by Fresnel's laws on its
+//! own normals, over a panel that is darker because of the water on it ([`light`]). It drains, waves run on it, and it
+//! opens on greasy places up to a wedge of the contact angle ([`water`]). A dry place is dull: diffuse, with a blurred
+//! gloss and a weave. Whether a break is darker or brighter than the film, or looks the same, follows from that. Mains
+//! tint the pictures by channel, a projector may be seen in the film ([`scene`]), and sanding changes the panel's
+//! appearance ([`sanding`]). The sources of the numbers are in these modules.
 //!
-//! It shares no line with `src/sim`, and it judges: for work on the program use seeds from 1000 on, never those of
-//! the judgement, below 1000.
+//! It shares no line with `src/sim`, and its clips judge the program. For work on the program use seeds from 1000 on;
+//! the seeds below 1000 are reserved for the judgement.
 
 mod light;
 mod random;

@@ -1,9 +1,9 @@
-//! What a disc does to the panel's look, and what stays on a place whose film has opened.
+//! The effect of a disc on the panel's appearance, and what remains on a place on which the film has opened.
 //!
 //! Sanding bares or covers fibres (diffuse reflectance times 0.4 to 1.8), scratches the gloss away, and takes the
-//! weave with it; each pass and the disc's rim do this differently. A place whose film opened stays damp in its
-//! pores: it comes back to 0.75 to 1 of its dry brightness, and droplets stay on it. Grease stains. The extents are
-//! assumed, wider than reported for real panels.
+//! weave with it; each pass and the disc's rim do this differently. A place whose film opened stays damp in its pores:
+//! its brightness returns to 0.75 to 1 of the dry brightness, and droplets stay on it. Grease leaves stains. The
+//! extents are assumptions, which are wider than reported for real panels.
 
 use super::random::Random;
 
@@ -18,7 +18,7 @@ pub struct Zone {
     rim: f64,
 }
 
-/// The look of a point, relative to the panel's look as it was made.
+/// The appearance of a point, relative to the panel's appearance as it was made.
 #[derive(Debug, Clone, Copy)]
 pub struct Appearance {
     pub albedo: [f64; 3],
@@ -61,7 +61,7 @@ impl Zone {
     }
 }
 
-/// Returns the look of a point after all of these passes.
+/// Returns the appearance of a point after all of these passes.
 pub fn look(zones: &[Zone], at: [f64; 2]) -> Appearance {
     zones.iter().fold(Appearance::AS_MADE, |look, zone| zone.over(look, at))
 }
@@ -73,7 +73,7 @@ pub struct Remains {
     pub damp: f64,
     /// Factor of the stain on the brightness, dry and wet.
     pub stain: f64,
-    /// Droplets: place, mm, size, mm, and the slope of a droplet's surface at its rim.
+    /// Droplets: position, mm, size, mm, and the slope of a droplet's surface at its rim.
     droplets: Vec<([f64; 2], f64, f64)>,
 }
 

@@ -288,7 +288,8 @@ impl Scene {
             one.weave *= one.look.weave;
             one.rho = rho;
         }
-        // The exposure is set by the dry panel's brightest channel, and so that the board is not overexposed.
+        // The exposure is set by the dry panel's brightest channel, and is limited so that the board is not
+        // overexposed.
         let mean = |i: usize| seen.iter().map(|one| one.made[i]).sum::<f64>() / seen.len() as f64;
         let brightest = (0..3).map(mean).fold(0.0, f64::max);
         let most = around.iter().flat_map(|(dry, ..)| dry).fold(0.0_f32, |a, b| a.max(*b));
@@ -452,7 +453,7 @@ impl Scene {
         })
     }
 
-    /// The pixels of places that were sanded, and this margin around them. The panel is filmed at its taught place.
+    /// The pixels of places that were sanded, and this margin around them. The panel is filmed at its taught pose.
     pub fn sanded_in_taught(&self, margin_mm: f64) -> Mask {
         let mut mask = Mask::empty(self.camera.width_px, self.camera.height_px);
         for one in &self.seen {
@@ -499,7 +500,7 @@ impl Seen {
         (x * slope[0] + y * slope[1] - z) / (far * long)
     }
 
-    /// The place where the mirrored view ray meets the plane above.
+    /// The point at which the mirrored view ray meets the plane above.
     fn mirrored(&self, slope: [f64; 2], above_mm: f64) -> [f64; 2] {
         let [x, y, z] = self.point;
         let n = [slope[0], slope[1], -1.0];

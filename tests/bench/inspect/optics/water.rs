@@ -2,14 +2,12 @@
 //!
 //! - Draining from a plate: h = h₀/√(1 + t/T) (Jeffreys, Proc. Camb. Phil. Soc. 26, 1930), some 100 to 300 µm at
 //!   first, T a few seconds on a plate that is inclined by degrees.
-//! - Waves on it fade as it thins (levelling by gravity and surface tension, Orchard, Appl. Sci. Res. A 11, 1962)
-//!   and run downhill at millimetres a second: Nusselt's surface velocity ρ g h² sin α/2μ is 4 mm/s for 100 µm and
-//!   5°.
+//! - Waves on it fade as it thins (levelling by gravity and surface tension, Orchard, Appl. Sci. Res. A 11, 1962) and
+//!   run downhill at millimetres a second: Nusselt's surface velocity ρ g h² sin α/2μ is 4 mm/s for 100 µm and 5°.
 //! - A film below 2 κ⁻¹ sin(θ/2) opens at places with contact angle θ, such as greasy ones. The hole grows at a
-//!   constant speed (Redon, Brochard-Wyart, Rondelez, PRL 66, 1991) until it meets clean surface. Its rim is a
-//!   wedge of water inclined by the contact angle, 20 to 60° on greasy epoxy, a few degrees at the advancing front
-//!   on clean (de Gennes, Rev. Mod. Phys. 57, 1985). A camera that sees single pixels of the rim sees a bounded
-//!   slope.
+//!   constant speed (Redon, Brochard-Wyart, Rondelez, PRL 66, 1991) until it meets clean surface. Its rim is a wedge
+//!   of water inclined by the contact angle, 20 to 60° on greasy epoxy, a few degrees at the advancing front on clean
+//!   epoxy (de Gennes, Rev. Mod. Phys. 57, 1985). A camera that sees single pixels of the rim sees a bounded slope.
 
 use super::random::Random;
 use std::f64::consts::TAU;

@@ -27,7 +27,7 @@ pub enum Kind {
     /// The number of executed motions.
     Executed,
     Outputs,
-    /// The place where a motion ended.
+    /// The position at which a motion ended.
     Place,
 }
 

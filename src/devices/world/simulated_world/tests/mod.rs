@@ -210,7 +210,7 @@ fn a_flange_picture_shows_what_the_executed_pose_sees() {
     let executed = bench.server.handle().with(|controller| controller.executed().last().copied()).expect("one");
     let stood = taken.base_from_flange.expect("the simulation knows it");
     assert_eq!(stood, executed.base_from_flange);
-    // The wire carries angles as f32, so the pose is close to the aim but not equal to it.
+    // The link transfers angles as f32, so the pose is close to the commanded one but not equal to it.
     let off_mm = stood.origin().distance_mm(aim.origin());
     assert!(off_mm > 0.0 && off_mm < 0.01, "{off_mm}");
     let place = bench.sim.truth().base_from_panel;
@@ -318,8 +318,8 @@ fn without_light_it_is_dark_and_without_water_there_is_no_film() {
     assert_eq!(bench.gray(spot.centre), 0.0);
 }
 
-/// The first film breaks on both spots. The disc moves over one of them: the old film does not mend. The next film
-/// holds on that spot and breaks on the other.
+/// The first film breaks on both spots. The disc moves over one of them: the break in the present film remains. The
+/// next film holds on that spot and breaks on the other.
 #[test]
 fn an_abraded_spot_holds_water_after_it_is_wetted_again() {
     let mut bench = Bench::new();
@@ -348,7 +348,7 @@ fn an_abraded_spot_holds_water_after_it_is_wetted_again() {
 
     bench.wet(all_broken_s);
     let after = [&abraded, &left].map(|spot| bench.gray(spot.centre));
-    // The sanded area looks different: at most 1.4 times as bright, of which a film leaves two thirds.
+    // The sanded area has a different brightness: at most 1.4 times as bright, of which a film leaves two thirds.
     assert!(after[0] < 0.66 * 1.4 * dry[0], "it holds its film: {after:?} of {dry:?}");
     assert!(after[1] > 0.8 * dry[1], "untouched, it breaks again: {after:?} of {dry:?}");
     assert_eq!(bench.world.greasy(), bench.sim.spots()[1..]);
@@ -367,8 +367,8 @@ fn what_the_cells_file_does_not_name_is_told() {
     assert_eq!(told(outputs), "[io.feedbacks] light_on is missing; the simulated world needs its number");
 }
 
-/// The films of a part end with the part. A third part does not come, so the third film is the second part's second
-/// film.
+/// The films of a part are removed with the part. A third part is not brought in, so the third film is the second
+/// part's second film.
 #[test]
 fn the_films_of_a_part_go_with_it() {
     const READY: u16 = 40;

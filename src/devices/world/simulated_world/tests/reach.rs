@@ -30,7 +30,7 @@ pub(super) fn tool() -> Rigid<Flange, Tool> {
     KukaPose { z_mm: 120.0, ..KukaPose::default() }.to_rigid()
 }
 
-/// Returns points along the arm's joints from the shoulder to the tool's tip, without thickness.
+/// Returns points along the arm's joints from the shoulder to the TCP, without thickness.
 fn skeleton(joints: &Joints) -> Vec<Point<Base>> {
     let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), -joints.a1_deg.to_radians());
     let q2_rad = (joints.a2_deg + 90.0).to_radians();
@@ -92,11 +92,11 @@ struct Margins {
     limit_deg: f64,
     /// Smallest |A5|: distance from the wrist singularity.
     bend_deg: f64,
-    /// Largest step of an axis between neighbours.
+    /// Largest step of an axis between neighbouring poses, degrees.
     step_deg: f64,
-    /// Smallest distance from the displaced panel on the way to it from the park pose, mm.
+    /// Smallest distance from the displaced panel during the motion to it from the park pose, mm.
     gap_mm: f64,
-    /// Largest step of an axis in a fortieth of that straight line.
+    /// Largest step of an axis in one fortieth of the linear part of this motion, degrees.
     line_step_deg: f64,
 }
 
@@ -108,8 +108,8 @@ impl Margins {
         self.bend_deg = self.bend_deg.min(joints.a5_deg.abs());
     }
 
-    /// Moves the axes from the park pose to the ready pose, then the tool in a straight line to the target. Tip,
-    /// flange and camera stay in front of the panel, and no axis jumps.
+    /// Moves the axes from the park pose to the ready pose, then the TCP linearly to the target. TCP, flange and
+    /// camera stay in front of the panel, and no axis jumps.
     fn way(&mut self, truth: &Truth, target: &Rigid<Base, Flange>) {
         let (from, to) = (angles_deg(&park()), angles_deg(&pose("ready")));
         for step in 0..=40 {
@@ -146,8 +146,8 @@ fn largest_step_deg(from: &Joints, to: &Joints) -> f64 {
     pairs.map(|(from, to)| (from - to).abs()).fold(0.0, f64::max)
 }
 
-/// Tests every corner pose and every place that can be abraded, on the panel and 40 mm above it, nominal and
-/// displaced. All are 8° or more from the limits, away from the wrist singularity, and without a change of
+/// Tests every corner pose and every position that can be abraded, on the panel and 40 mm above it, nominal and
+/// displaced. All poses are 8° or more from the limits, away from the wrist singularity, and without a change of
 /// configuration from one to the next.
 #[test]
 fn the_arm_reaches_every_pose_of_ten_seeds() {
@@ -185,7 +185,7 @@ fn the_arm_reaches_every_pose_of_ten_seeds() {
                 let above = truth.base_from_panel * standing(&truth, *point, 40.0) * tool().inverse();
                 margins.way(&truth, &above);
             }
-            // The arm moves from any place to any other without a turn of the wrist.
+            // The arm moves from any of these positions to any other without a rotation of the wrist by a full turn.
             let ends: Vec<[f64; 6]> = inside
                 .iter()
                 .map(|point| place * standing(&truth, *point, 0.0) * tool().inverse())
