@@ -168,12 +168,10 @@ fn main() -> ExitCode {
         missed += usize::from(at(0.95) > P95_MAX_MS);
         slowest_ms = f64::max(slowest_ms, at(0.95));
     }
-    let found = format!("{slowest_ms:.1} ms over {cycles} cycles");
-    Figure("store: slowest of nine queries, p95").report(
-        &format!("{P95_MAX_MS} ms"),
-        &found,
-        slowest_ms <= P95_MAX_MS,
-    );
+    // A query that finds wrong cycles is not fast, but wrong.
+    let found = format!("{slowest_ms:.1} ms over {cycles} cycles, {missed} missed");
+    let goal = format!("{P95_MAX_MS} ms, none missed");
+    Figure("store: slowest of nine queries, p95").report(&goal, &found, missed == 0);
     let begun = Instant::now();
     let past = store.past_cycles("wing", TREND).expect("read");
     let read_ms = ms(begun);
