@@ -185,7 +185,9 @@ impl NotSeen {
             let towards = -area.dot(&middle.coords);
             let facing = if is_closed { towards * outward } else { towards.abs() };
             let area_mm2 = area.norm();
-            if !(facing > MIN_FACING * area_mm2 * middle.coords.norm()) || middle.z <= 0.0 {
+            // A number that is not finite shows nothing, so the condition asks for what is seen.
+            let is_facing = facing > MIN_FACING * area_mm2 * middle.coords.norm() && middle.z > 0.0;
+            if !is_facing {
                 return [0.0; 3];
             }
             if camera.project_inside(Point::<C>::new(middle)).is_none() {
