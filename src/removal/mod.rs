@@ -50,7 +50,8 @@
 //! Files: `speed`, `tangent_frame`, `pad`, `stroke`, `model` the physics · `track` the stretches of a path · `samples`,
 //! `map` their removal, place by place · `figures` its numbers · `schedule`, `descent` the feeds that make it even
 //! · `ground` where there is panel · `coupons`, `table` measured depths · `fit`, `least_squares`, `disc_scatter`,
-//! `power`, `fit_error`, `gate` their result for k, and whether it may be used. No I/O and no clock. Lengths in mm and forces in N.
+//! `power`, `fit_error`, `gate` their result for k, and whether it may be used. No I/O and no clock. Lengths in mm and
+//! forces in N.
 
 pub mod coupons;
 mod descent;

@@ -3,9 +3,9 @@
 //!
 //!     k(w) = k₀ exp(−b w)                                                                                  (3)
 //!     σ²(w) = var(ln k₀) − 2 w cov(ln k₀, b) + w² var(b) + σ_r² + σ_d² + σ_F²                              (6)
-//! σ_r is the deviation of one coupon from the model, σ_d that of a disc, σ_F the force's own. Coupons also differ by their measured
-//! force, so that σ is rather too large than too small. With 95 % the true depth lies within exp(± q σ) of the
-//! expected one, q being Student's for the number of coupons less two.
+//! σ_r is the deviation of one coupon from the model, σ_d that of a disc, σ_F the force's own. Coupons also differ
+//! by their measured force, so that σ is rather too large than too small. With 95 % the true depth lies within
+//! exp(± q σ) of the expected one, q being Student's for the degrees of freedom of σ_r and σ_d.
 
 use super::power::{LEVELS, Power};
 use super::speed::Orbit;
