@@ -81,7 +81,7 @@ fn contact_error_mm(cell: &Cell, base_from_panel: Rigid<Base, Panel>, is_drawn: 
         true => Rigid::identity(),
         false => Rigid::claim(*base_from_base.isometry()),
     };
-    let off_mm = |point| {
+    let off_mm = |point: Point<Panel>| {
         let expected = base_from_base * (truth.base_from_panel * point);
         (base_from_panel * (panel_from_panel * point)).distance_mm(expected)
     };
