@@ -52,9 +52,9 @@ impl DiscScatter {
         judged.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, best)| best)
     }
 
-    /// The number of discs.
+    /// The number of discs that treated two coupons or more: a disc with one coupon shows no scatter of its own.
     pub fn discs(&self) -> usize {
-        self.counts.len()
+        self.counts.iter().filter(|count| **count >= 2.0).count()
     }
 
     /// The standard deviation of a disc, from that of a coupon.

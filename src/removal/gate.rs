@@ -50,12 +50,7 @@ pub fn checks(found: &Fitted, coupons: &[Coupon]) -> Vec<Check> {
             "deviation of the left-out coupons from their prediction by the others, percent",
         ),
         discs_known(found),
-        bounded(
-            "discs_differ",
-            ("the discs differ, σ", 100.0 * found.discs.map_or(0.0, |discs| discs.deviation)),
-            DISC_PERCENT,
-            "discs differ from each other by percent",
-        ),
+        discs_differ(found),
         outliers(found, coupons),
         power(
             ("power by which the depth goes with the load", "force times rubbed way"),
@@ -128,6 +123,18 @@ fn discs_known(found: &Fitted) -> Check {
             ),
             _ => format!("the coupons were treated by {count} discs (limit {MIN_DISCS}); measure coupons of more discs"),
         })
+}
+
+/// Checks the scatter from disc to disc; it is not a number if no disc treated two coupons.
+fn discs_differ(found: &Fitted) -> Check {
+    const NAME: &str = "the discs differ, σ";
+    found.discs.map_or_else(
+        || Check::new(NAME, "%", None),
+        |discs| {
+            let words = "discs differ from each other by percent";
+            bounded("discs_differ", (NAME, 100.0 * discs.deviation), DISC_PERCENT, words)
+        },
+    )
 }
 
 /// Checks an exponent that may not be determined.

@@ -19,7 +19,7 @@ mod speed;
 #[path = "inspect/tally.rs"]
 mod tally;
 
-fn main() {
+fn main() -> std::process::ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).filter(|argument| argument != "--bench").collect();
     let value = |name: &str| arguments.iter().find_map(|argument| argument.strip_prefix(name)?.strip_prefix('='));
     let number = |name: &str, usual: f64| value(name).map_or(usual, |text| text.parse().expect("a number"));
@@ -45,4 +45,5 @@ fn main() {
     if all || named("memory") {
         speed::memory(reduction);
     }
+    if goal::missed() == 0 { std::process::ExitCode::SUCCESS } else { std::process::ExitCode::FAILURE }
 }
