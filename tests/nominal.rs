@@ -170,7 +170,7 @@ fn teach_from_a_drawing_and_locate() {
     assert!(code != 0 && words.contains("states no unit") && words.contains("with --unit in"), "{words}");
     let inches = format!("--nominal cell/silent.stl --unit in {view}");
     let (code, words) = message(teach("recipe_drawing.toml", &inches));
-    assert!(code != 0, "a panel of 8 m: {words}");
+    assert!(code == 2 && words.contains("the search box in [locate]"), "a panel of 8 m: {words}");
     let recipe_file = folder.path().join("cell/recipe_drawing.toml");
     let rendered = std::fs::read_to_string(&recipe_file).expect("a recipe");
     let in_mm =

@@ -101,6 +101,21 @@ pub enum NominalError {
         /// The first place, in the drawing's frame, mm.
         at_mm: [f64; 3],
     },
+    /// The drawing does not lie where the panel is searched.
+    #[error(
+        "the drawing at its nominal place lies from {} to {} mm in the robot's base, and the search box in [locate] from {} to {} mm; check the unit, \
+         [nominal], and the box", place(*min_mm), place(*max_mm), place(*from_mm), place(*to_mm)
+    )]
+    ElsewhereThanTheBox {
+        /// Low corner of the drawing's box in the base, mm.
+        min_mm: [f64; 3],
+        /// High corner.
+        max_mm: [f64; 3],
+        /// Low corner of the search box, mm.
+        from_mm: [f64; 3],
+        /// High corner.
+        to_mm: [f64; 3],
+    },
     /// No ray meets the drawing.
     #[error(
         "the 3D camera does not see the drawing at its nominal place: its box lies from {} to {} mm in the robot's base; check the unit and \

@@ -13,6 +13,8 @@ const WELD_MM: f64 = 0.002;
 /// A drawing with a longer side is no panel, mm; an aircraft's frame has its origin less far away than the second.
 const MAX_SIZE_MM: f64 = 20_000.0;
 const MAX_REACH_MM: f64 = 200_000.0;
+/// A part that is longer than the search box by this factor has another unit: all units differ by more.
+const MAX_BOXES: f64 = 4.0;
 /// Side of the cells in which near vertices are searched, in multiples of [`WELD_MM`].
 const CELL: f64 = 16.0;
 
@@ -63,11 +65,33 @@ impl Part {
         }
     }
 
-    /// The error for a part that a camera does not see, with the box in which it lies.
-    pub fn not_seen(&self, base_from_drawing: &Rigid<Base, Drawing>) -> NominalError {
+    /// Returns the low and the high corner of the box around the part at its nominal place, mm.
+    pub fn box_mm(&self, base_from_drawing: &Rigid<Base, Drawing>) -> [[f64; 3]; 2] {
         let placed = |vertex: &Point3<f64>| (*base_from_drawing * Point::<Drawing>::new(*vertex)).mm;
-        let (min_mm, max_mm) = bounds(self.vertices.iter().map(placed));
-        NominalError::NotSeen { min_mm: min_mm.into(), max_mm: max_mm.into() }
+        let (low, high) = bounds(self.vertices.iter().map(placed));
+        [low.into(), high.into()]
+    }
+
+    /// Checks that the part lies in the search box, apart from a part of it that the box cuts off.
+    ///
+    /// # Errors
+    /// If its middle lies outside of the box, or a side is more than [`MAX_BOXES`] times as long as that of the box.
+    pub fn check_place(
+        &self,
+        base_from_drawing: &Rigid<Base, Drawing>,
+        search_box_mm: [[f64; 3]; 2],
+    ) -> Result<(), NominalError> {
+        let [low, high] = self.box_mm(base_from_drawing);
+        let [from, to] = search_box_mm;
+        let is_there = |axis: usize| {
+            let middle = (low[axis] + high[axis]) / 2.0;
+            let is_short = high[axis] - low[axis] <= MAX_BOXES * (to[axis] - from[axis]);
+            is_short && (from[axis]..=to[axis]).contains(&middle)
+        };
+        match (0..3).all(is_there) {
+            true => Ok(()),
+            false => Err(NominalError::ElsewhereThanTheBox { min_mm: low, max_mm: high, from_mm: from, to_mm: to }),
+        }
     }
 
     /// The area of its surface, mm².
@@ -244,6 +268,19 @@ mod tests {
         assert!(words.contains("no part \"door\"; its parts are: \"rib:1\""), "{words}");
         let far = choose(OBJ, mm, Some("rib:2")).expect("it exists");
         assert!((far.area_mm2() - 0.5).abs() < 1e-9 && far.vertices.len() == 3);
+    }
+
+    /// By hand: the square of 2 × 1 mm lies in a box of 4 mm, and in inches, 50 mm, it does not.
+    #[test]
+    fn another_unit_or_place_is_not_in_the_search_box() {
+        let place = |by_mm: f64| Rigid::claim(nalgebra::Isometry3::translation(by_mm, 0.0, 0.0));
+        let search_box_mm = [[-1.0; 3], [3.0; 3]];
+        let part = |unit| choose(OBJ, Some(unit), Some("skin")).expect("a part");
+        assert_eq!(part(LengthUnit::Millimetre).check_place(&place(0.0), search_box_mm), Ok(()));
+        for (unit, by_mm) in [(LengthUnit::Inch, -25.0), (LengthUnit::Millimetre, 3.0)] {
+            let words = part(unit).check_place(&place(by_mm), search_box_mm).expect_err("elsewhere").to_string();
+            assert!(words.contains("search box") && words.contains("check the unit"), "{words}");
+        }
     }
 
     /// Without objects the two triangles share an edge within a micrometre, and are one part.

@@ -77,7 +77,10 @@ impl Drawn {
         let camera_from_drawing = cell.base_from_camera()?.value.inverse() * base_from_drawing;
         let (name, triangles) = (part.name.clone(), part.triangles.len());
         let spare = (!args.flange.is_empty()).then(|| part.clone());
-        let not_there = part.not_seen(&base_from_drawing);
+        let search_box_mm = [recipe.locate().box_min_mm(), recipe.locate().box_max_mm()];
+        part.check_place(&base_from_drawing, search_box_mm).map_err(refuse)?;
+        let [min_mm, max_mm] = part.box_mm(&base_from_drawing);
+        let not_there = NominalError::NotSeen { min_mm, max_mm };
         let rays = Rays::new(part, &camera_from_drawing);
         rays.check_crossings(&edges, &camera_from_drawing).map_err(refuse)?;
         let seen = Seen::look(&rays, &camera).map_err(refuse)?;
