@@ -14,7 +14,7 @@ use crate::geometry::{Camera, OrganizedCloud, Pixel, Point};
 use crate::inspect::{Demands, Footprint, too_coarse};
 use crate::locate::{self, gate};
 use crate::number_text;
-use crate::panel::{LearnError, OffPanel, TaughtPanel};
+use crate::panel::{LearnError, OffPanel, Reference, TaughtPanel};
 use crate::recipe::Recipe;
 use crate::report::{self, View};
 use crate::store::{TaughtCorner, Teaching};
@@ -42,8 +42,10 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
         (None, Some(file)) => scanner.scan_errors.corrected(load::scan(file, &scanner.value)?),
         (None, None) => return Err(TeachingFault::NoScan.into()),
     };
-    let name =
-        |index: usize| args.corner.get(index).map_or_else(|| index.to_string(), |file| file.display().to_string());
+    let name = |index: usize| {
+        let file = args.corner.get(index).or_else(|| args.flange.get(index));
+        file.map_or_else(|| format!("corner {}", index + 1), |file| file.display().to_string())
+    };
     let mut taught = match load::derive(&teaching, (&recipe, &cell_files.scanner_lens()?), String::new(), &name) {
         Ok(taught) => taught,
         Err(fault) => {
@@ -228,9 +230,15 @@ fn say_how_it_is_held(taught: &Taught, held: &Held, recipe: &Recipe, outcome: &m
         outcome.add_line(format!("its marks: {marks_mm:.0} mm of their borders hold it sideways, too"));
     }
     outcome.put("marks_mm", json!(marks_mm));
-    let at_teaching =
-        outline.as_ref().map_or(Vec::new(), |outline| gate::checks_at_teaching(outline, found.as_ref().ok()));
-    let warnings: Vec<String> = at_teaching.into_iter().filter_map(|check| check.message).collect();
+    // A drawing shows no fixture, so that advice about the fixture cannot help.
+    let is_drawn = matches!(taught.panel.reference, Reference::Drawing { .. });
+    let fit = found.as_ref().ok().filter(|_| !is_drawn);
+    let at_teaching = outline.as_ref().map_or(Vec::new(), |outline| gate::checks_at_teaching(outline, fit));
+    let unwatched = is_drawn.then(|| {
+        "the drawing shows no fixture, so a camera that moved is not noticed by it; run `panelprep calibrate verify` each day".to_owned()
+    });
+    let warnings: Vec<String> =
+        at_teaching.into_iter().filter_map(|check| check.message).chain(unwatched).collect();
     if let Ok(fit) = found {
         let weakest = fit.weakest.words();
         outcome.add_line(format!(

@@ -84,6 +84,14 @@ pub enum MeshFileError {
         /// The other.
         second: &'static str,
     },
+    /// A statement of a unit that is not read.
+    #[error(
+        "the file states the unit {found} (valid: mm, in, m); export it in millimetres, or correct its comment"
+    )]
+    UnknownUnit {
+        /// The words of the file.
+        found: String,
+    },
     /// A mesh without triangles.
     #[error("the file has no triangle: it holds points or curves alone; export the panel's body as a mesh")]
     Empty,

@@ -2,6 +2,33 @@
 //!
 //! A drawing's file may state no unit, so the numbers are lengths only together with a [`LengthUnit`].
 
+/// Words between "unit" and the unit itself.
+const FILLERS: [&str; 4] = ["in", "is", "are", "all"];
+/// Units of length that no drawing of a panel is read in.
+const OTHER_UNITS: [&str; 16] = [
+    "cm",
+    "centimeter",
+    "centimeters",
+    "centimetre",
+    "centimetres",
+    "dm",
+    "km",
+    "ft",
+    "foot",
+    "feet",
+    "mil",
+    "mils",
+    "um",
+    "micron",
+    "microns",
+    "yard",
+];
+
+/// Returns whether a word names a unit of length.
+fn is_length(word: &str) -> bool {
+    LengthUnit::named(word).is_some() || OTHER_UNITS.iter().any(|other| other.eq_ignore_ascii_case(word))
+}
+
 /// The unit of a drawing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LengthUnit {
@@ -27,11 +54,35 @@ impl LengthUnit {
         LengthUnit::ALL.into_iter().find(|(_, names)| is_named(names)).map(|(unit, _)| unit)
     }
 
-    /// Returns the unit that a comment states, as in "units: mm" or "unit = inches"; `None` if it states none.
-    pub fn stated_in(comment: &str) -> Option<Self> {
-        let mut words = comment.split(|c: char| !c.is_ascii_alphabetic()).filter(|word| !word.is_empty());
-        words.find(|word| word.eq_ignore_ascii_case("unit") || word.eq_ignore_ascii_case("units"))?;
-        words.next().and_then(LengthUnit::named)
+    /// Returns the unit that a comment states, as in "units: mm", "units in mm" or "unit = inches"; `None` if it states
+    /// none.
+    ///
+    /// # Errors
+    /// If the comment states a unit that is not read: another one, as in "units: cm", or a multiple, as in "unit: 0.001
+    /// m". The error contains its words.
+    pub fn stated_in(comment: &str) -> Result<Option<Self>, String> {
+        let is_of_word = |c: char| c.is_alphanumeric() || c == '.';
+        let mut words = comment.split(|c: char| !is_of_word(c)).map(|word| word.trim_matches('.'));
+        if !words.any(|word| word.eq_ignore_ascii_case("unit") || word.eq_ignore_ascii_case("units")) {
+            return Ok(None);
+        }
+        let mut rest = words.filter(|word| !word.is_empty());
+        // In "units in mm" the word "in" is no inch: it is one only if no unit follows.
+        let is_filler = |word: &str| FILLERS.iter().any(|filler| filler.eq_ignore_ascii_case(word));
+        let mut ahead = rest.clone();
+        while ahead.next().is_some_and(is_filler)
+            && ahead.clone().next().is_some_and(|next| is_length(next) || is_filler(next))
+        {
+            rest.next();
+        }
+        let Some(word) = rest.next() else { return Ok(None) };
+        let next = rest.next().filter(|next| is_length(next));
+        match (LengthUnit::named(word), word.parse::<f64>().is_ok(), next) {
+            (Some(unit), _, _) => Ok(Some(unit)),
+            (None, true, Some(next)) => Err(format!("{word} {next}")),
+            (None, false, _) if is_length(word) => Err(word.to_owned()),
+            _ => Ok(None),
+        }
     }
 
     /// The length of one unit, mm.
@@ -123,12 +174,17 @@ mod tests {
     fn units_have_names() {
         assert_eq!(LengthUnit::named("Inches"), Some(LengthUnit::Inch));
         assert_eq!(LengthUnit::named("ft"), None);
-        assert_eq!(LengthUnit::stated_in("made by x, UNITS=mm"), Some(LengthUnit::Millimetre));
-        assert_eq!(LengthUnit::stated_in("unit: metres"), Some(LengthUnit::Metre));
+        assert_eq!(LengthUnit::stated_in("made by x, UNITS=mm"), Ok(Some(LengthUnit::Millimetre)));
+        assert_eq!(LengthUnit::stated_in("unit: metres"), Ok(Some(LengthUnit::Metre)));
+        assert_eq!(LengthUnit::stated_in("units in mm"), Ok(Some(LengthUnit::Millimetre)));
+        assert_eq!(LengthUnit::stated_in("all units are in millimeters."), Ok(Some(LengthUnit::Millimetre)));
+        assert_eq!(LengthUnit::stated_in("units: in"), Ok(Some(LengthUnit::Inch)));
         assert_eq!(
             ["unit 1", "mm", "units of measure: mm", "community inch"].map(LengthUnit::stated_in),
-            [None; 4]
+            [Ok(None), Ok(None), Ok(None), Ok(None)]
         );
+        let refused = ["units: cm", "unit: 0.001 m", "units in feet"].map(LengthUnit::stated_in);
+        assert_eq!(refused, ["cm", "0.001 m", "feet"].map(|words| Err(words.to_owned())));
         assert_eq!(LengthUnit::ALL.map(|(unit, names)| names[0] == unit.word()), [true; 3]);
     }
 }

@@ -55,6 +55,17 @@ pub enum NominalError {
         /// All of them, the largest first.
         parts: Vec<ListedPart>,
     },
+    /// All triangles are smaller than the distance within which vertices are joined.
+    #[error(
+        "the drawing is {} mm, and all its triangles are smaller than {} mm, within which vertices are joined: is --unit right?",
+        size(*size_mm), fixed(*weld_mm, 3)
+    )]
+    NothingLeft {
+        /// The distance, mm.
+        weld_mm: f64,
+        /// The sides of the drawing's box, mm.
+        size_mm: [f64; 3],
+    },
     /// No part has this name.
     #[error("the drawing has no part \"{name}\"; its parts are: {}", list(parts))]
     NoPart {

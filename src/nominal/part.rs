@@ -57,7 +57,7 @@ impl Part {
         let listed = |parts: &[Part]| parts.iter().map(Part::listed).collect();
         match name {
             None if parts.len() > 1 => Err(NominalError::SeveralParts { parts: listed(&parts) }),
-            None => parts.pop().ok_or(NominalError::SeveralParts { parts: vec![] }),
+            None => parts.pop().ok_or(NominalError::NothingLeft { weld_mm: WELD_MM, size_mm: size_mm.into() }),
             Some(name) => match parts.iter().position(|part| part.name == name) {
                 Some(index) => Ok(parts.swap_remove(index)),
                 None => Err(NominalError::NoPart { name: name.to_owned(), parts: listed(&parts) }),
@@ -135,8 +135,12 @@ fn number_alike(parts: &mut [Part]) {
 /// Returns the connected pieces of each object.
 fn parts(mesh: &TriangleMesh, unit: LengthUnit) -> Vec<Part> {
     let mut parts = Vec::new();
+    // One vector for all objects: a file may have as many objects as triangles.
+    let mut new_index: Vec<u32> = vec![u32::MAX; mesh.vertices.len()];
     for (name, triangles) in mesh.each_object() {
-        let (vertices, triangles) = welded(mesh, triangles, unit);
+        let used = triangles;
+        let (vertices, triangles) = welded(mesh, triangles, (unit, &mut new_index));
+        used.iter().flatten().for_each(|&corner| new_index[corner as usize] = u32::MAX);
         let mut pieces = Pieces { parent: (0..vertices.len() as u32).collect() };
         triangles.iter().for_each(|&[a, b, c]| {
             pieces.join(a, b);
@@ -167,11 +171,15 @@ fn parts(mesh: &TriangleMesh, unit: LengthUnit) -> Vec<Part> {
 }
 
 /// Returns an object's vertices in mm, near ones joined, and its triangles without those that have no area then.
-fn welded(mesh: &TriangleMesh, triangles: &[[u32; 3]], unit: LengthUnit) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
+/// `new_index` has one `u32::MAX` for each vertex of the mesh.
+fn welded(
+    mesh: &TriangleMesh,
+    triangles: &[[u32; 3]],
+    (unit, new_index): (LengthUnit, &mut [u32]),
+) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
     let cell_mm = CELL * WELD_MM;
     let mut vertices: Vec<Point3<f64>> = Vec::new();
     let mut cells: HashMap<[i64; 3], Vec<u32>> = HashMap::new();
-    let mut new_index: Vec<u32> = vec![u32::MAX; mesh.vertices.len()];
     let mut join = |corner: u32| {
         let known = new_index[corner as usize];
         if known != u32::MAX {

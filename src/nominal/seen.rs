@@ -59,7 +59,20 @@ impl Seen {
     /// # Errors
     /// If the lens has no ray for a pixel that may show the part.
     pub fn look<C: Frame>(rays: &Rays<C>, camera: &PinholeCamera) -> Result<Option<Seen>, NominalError> {
-        let (columns, rows) = window(rays, camera);
+        let window = window(rays, camera);
+        let seen = Seen::look_in(rays, camera, window.clone())?;
+        // A long straight edge is bent by the lens and may leave the box of its projected ends.
+        match &seen {
+            Some(part) if part.reaches_window() => Seen::look_in(rays, camera, everything(camera)),
+            _ => Ok(seen),
+        }
+    }
+
+    fn look_in<C: Frame>(
+        rays: &Rays<C>,
+        camera: &PinholeCamera,
+        (columns, rows): (Range<usize>, Range<usize>),
+    ) -> Result<Option<Seen>, NominalError> {
         let width = columns.len();
         if width == 0 || rows.is_empty() {
             return Ok(None);
@@ -105,6 +118,31 @@ impl Seen {
         Ok(is_met.then_some(Seen { size_px, pixels, directions, columns, rows }))
     }
 
+    /// Returns whether the part covers a pixel in the first or last of these columns or rows of the window; `None` is
+    /// not asked for.
+    fn covers(&self, columns: [Option<usize>; 2], rows: [Option<usize>; 2]) -> bool {
+        let width = self.columns.len();
+        self.pixels.iter().enumerate().filter(|(_, pixel)| pixel.covered > 0.0).any(|(index, _)| {
+            let (u, v) = (self.columns.start + index % width, self.rows.start + index / width);
+            columns.contains(&Some(u)) || rows.contains(&Some(v))
+        })
+    }
+
+    /// Returns whether the part reaches a rim of the window that is no rim of the picture.
+    fn reaches_window(&self) -> bool {
+        let [width, height] = self.size_px;
+        let rim = |range: &Range<usize>, size: usize| {
+            [Some(range.start).filter(|start| *start > 0), Some(range.end - 1).filter(|last| last + 1 < size)]
+        };
+        self.covers(rim(&self.columns, width), rim(&self.rows, height))
+    }
+
+    /// Returns whether the part reaches the rim of the picture: what lies beyond is not seen.
+    pub fn reaches_rim(&self) -> bool {
+        let [width, height] = self.size_px;
+        self.covers([Some(0), Some(width - 1)], [Some(0), Some(height - 1)])
+    }
+
     /// Returns each pixel that may show the part, by its index in the picture.
     fn each(&self) -> impl Iterator<Item = (usize, &PixelSeen, &[f64; 2])> + '_ {
         let (width, columns) = (self.size_px[0], self.columns.clone());
@@ -145,9 +183,14 @@ fn mixed(part_gray: f64, beside_gray: u8, covered: f32) -> u8 {
     (beside + f64::from(covered) * (part_gray - beside)).round().clamp(0.0, 255.0) as u8
 }
 
+/// Returns all columns and rows of the picture.
+fn everything(camera: &PinholeCamera) -> (Range<usize>, Range<usize>) {
+    (0..camera.width_px, 0..camera.height_px)
+}
+
 /// Returns the columns and rows that may show the part.
 fn window<C: Frame>(rays: &Rays<C>, camera: &PinholeCamera) -> (Range<usize>, Range<usize>) {
-    let everything = (0..camera.width_px, 0..camera.height_px);
+    let everything = everything(camera);
     let (low, high) = bounds(rays.vertices().iter().map(|vertex| vertex.mm));
     // Behind the camera and far beside its picture a lens model does not hold: then every pixel is looked at.
     let reach = low.x.abs().max(low.y.abs()).max(high.x.abs()).max(high.y.abs());

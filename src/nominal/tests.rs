@@ -185,3 +185,31 @@ fn what_is_not_one_surface_is_refused() {
     let error = crossing(gap).err().expect("a gap");
     assert!(matches!(error, NominalError::Gap { width_mm, .. } if (width_mm - 0.2).abs() < 0.01), "{error}");
 }
+
+/// The front of a block is two triangles whose middles lie in the picture, although the block leaves it.
+#[test]
+fn a_part_of_large_triangles_that_leaves_the_picture_reaches_its_rim() {
+    let place = in_front(300.0);
+    let moved = |by_mm: f64| {
+        let mut mesh = block([140.0, 60.0, 2.0]);
+        mesh.vertices.iter_mut().for_each(|vertex| vertex[0] += by_mm);
+        mesh
+    };
+    assert!(!seen(moved(0.0), &place).reaches_rim());
+    assert!(seen(moved(30.0), &place).reaches_rim());
+    let rays = Rays::new(part(moved(30.0)), &place);
+    assert_eq!(NotSeen::find(&rays, &CAMERA, true).outside, 0.0, "the share alone does not show it");
+}
+
+/// By hand: a plate of ±0.48 in the picture's plane, seen by a lens with k1 = −0.2. A corner projects to
+/// 79.5 − 72 (1 − 0.2 · 0.461) = 14.1 px, and the middle of the edge to 79.5 − 72 (1 − 0.2 · 0.230) = 10.8 px.
+#[test]
+fn a_long_edge_that_the_lens_bends_is_seen_whole() {
+    let camera =
+        PinholeCamera { width_px: 160, fx_px: 150.0, fy_px: 150.0, cx_px: 79.5, cy_px: 79.5, k1: -0.2, ..CAMERA };
+    let place: Rigid<Camera, Drawing> = Rigid::claim(Isometry3::translation(0.0, 0.0, 301.0));
+    let rays = Rays::new(part(block([288.0, 288.0, 2.0])), &place);
+    let seen = Seen::look(&rays, &camera).expect("the lens has rays").expect("it is seen");
+    let picture = seen.picture(0, 255);
+    assert_eq!([10, 11].map(|column| picture.rgb[80 * 160 + column] == [0; 3]), [false, true]);
+}

@@ -245,6 +245,11 @@ fn a_drawing_has_its_place_by_a_pose_or_by_points() {
         ),
         (&points.replace("[0, 250, 0]", "[800, 10, 0]"), "the points lie within 5.0 mm of a line (needed 20.0 mm)"),
         (&points.replace(", [310, -200, 360]", ""), "found 2 points, and 3 in datums_drawing_mm"),
+        (
+            "datums_drawing_mm = [[0, 0, 0], [400, 0, 0], [0, 400, 0]]\n\
+             datums_base_mm = [[500, 0, 300], [900, 0, 300], [500, 400, 300]]",
+            "the points also fit in the order 1, 3, 2",
+        ),
     ] {
         let found = recipe_problems(&with(keys)).join("\n");
         assert!(found.contains(words), "{found}\nshould say: {words}");

@@ -137,10 +137,18 @@ pub fn today((panel, taught): (&TaughtPanel, &Fit), points: &[TodaysPoint], limi
             Today { fit: Fit { surface: todays.surface, ..taught.clone() }, checks, rms_mm, drawing }
         }
         Err(error) => {
-            let unknown = Check::new(name::DEVIATION, "mm", None);
+            let unknown = Check::new(deviation_name(panel.reference), "mm", None);
             let unknown = unknown.broken(true, Severity::Review, "no_surface_today", || error.to_string());
             Today { fit: taught.clone(), checks: vec![unknown], rms_mm: None, drawing: None }
         }
+    }
+}
+
+/// Returns the name of the check of the deviation: its reference is part of the name.
+fn deviation_name(reference: Reference) -> &'static str {
+    match reference {
+        Reference::Scan => name::DEVIATION,
+        Reference::Drawing { .. } => name::DEVIATION_FROM_DRAWING,
     }
 }
 
@@ -150,12 +158,8 @@ fn deviations(todays: &Todays, reference: Reference, limits: &recipe::Surface) -
     let (rms_mm, limit_rms_mm) = (todays.rms_mm, limits.max_rms_mm());
     let (percent, limit_percent) = (todays.missing_percent, limits.max_missing_percent());
     let (hole_mm, limit_hole_mm) = (todays.largest_hole_mm, limits.max_hole_mm());
-    let name = match reference {
-        Reference::Scan => name::DEVIATION,
-        Reference::Drawing { .. } => name::DEVIATION_FROM_DRAWING,
-    };
     [
-        Check::new(name, "mm", deviation_mm)
+        Check::new(deviation_name(reference), "mm", deviation_mm)
             .at_most(limit_mm, SetBy::recipe("surface.max_deviation_mm"))
             .reviews("deviates", || {
                 let [mm, limit_mm] = apart(deviation_mm, limit_mm, 2);

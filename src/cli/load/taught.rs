@@ -24,14 +24,16 @@ pub struct Taught {
 /// Loads the taught data of the recipe's panel.
 ///
 /// # Errors
-/// If the panel was not taught, its files are damaged, or the recipe's `[region]` differs from the taught one.
+/// If the panel was not taught, its files are damaged, or the recipe's `[region]` or `[nominal]` differs from the taught one.
 pub fn taught(files: &CellFiles, recipe_file: &Path, recipe: &Recipe) -> Result<Taught, Fault> {
     let kept = files.store()?.taught(recipe.panel(), None).map_err(Fault::stage)?;
     let taught_recipe = Recipe::check("the taught recipe", &kept.teaching.recipe_text)?;
-    if taught_recipe.region() != recipe.region() {
+    let is_other_region = taught_recipe.region() != recipe.region();
+    // The drawing's place at teaching is part of the taught panel; another one needs another teaching.
+    if is_other_region || taught_recipe.nominal() != recipe.nominal() {
         return Err(TeachingFault::TaughtOtherwise {
             recipe: recipe_file.to_owned(),
-            table: "region",
+            table: if is_other_region { "region" } else { "nominal" },
             panel: recipe.panel().to_owned(),
             version: kept.version,
         }

@@ -10,7 +10,7 @@ use super::super::output::tell_line;
 use crate::files;
 use crate::geometry::{Base, Camera, Drawing, Flange, FlangeCamera, OrganizedCloud, PinholeCamera, Point, Rigid};
 use crate::nominal::{Edges, NominalError, NotSeen, Part, Rays, Seen};
-use crate::number_text::fixed;
+use crate::number_text::{apart, fixed};
 use crate::page::drawing::canvas;
 use crate::recipe::{self, Recipe, drawn_into};
 use crate::store::TaughtCorner;
@@ -20,6 +20,8 @@ use std::path::Path;
 
 /// A larger deviation of the facets is a tenth of what a scan measures, mm: the operator is warned.
 const FINE_FACETS_MM: f64 = 0.01;
+/// Beyond this deviation of the facets a person must look: it is that of the contact that a good localization allows.
+const MAX_FACETS_MM: f64 = 0.15;
 /// Largest distance of a corner of the region from the drawing's surface, along the camera's ray, mm.
 const MAX_AWAY_MM: f64 = 1.0;
 /// If a larger share of the surface lies outside of the picture, a person must look.
@@ -41,6 +43,8 @@ pub struct Drawn {
     facet_error_mm: f64,
     residual_mm: Option<f64>,
     not_seen: NotSeen,
+    /// Whether the part reaches the rim of the picture.
+    reaches_rim: bool,
 }
 
 /// The flange camera of the cell.
@@ -84,6 +88,7 @@ impl Drawn {
         let rays = Rays::new(part, &camera_from_drawing);
         rays.check_crossings(&edges, &camera_from_drawing).map_err(refuse)?;
         let seen = Seen::look(&rays, &camera).map_err(refuse)?;
+        let reaches_rim = seen.as_ref().is_some_and(Seen::reaches_rim);
         let scan = seen.and_then(|seen| seen.cloud()).ok_or_else(|| refuse(not_there))?;
         if let Some(corners) = nominal.region_mm() {
             let corners = corners.map(|corner| camera_from_drawing * corner);
@@ -108,6 +113,7 @@ impl Drawn {
             facet_error_mm: edges.facet_error_mm,
             residual_mm: nominal.residual_mm(),
             not_seen,
+            reaches_rim,
         }))
     }
 
@@ -115,13 +121,29 @@ impl Drawn {
     pub fn reasons(&self) -> Vec<Reason> {
         let outside = self.not_seen.outside;
         let message = || {
+            // Large triangles are counted whole, so the share alone does not show that the picture cuts the panel.
+            let found = match outside > MAX_OUTSIDE {
+                true => format!(
+                    "{} % of the drawing's surface lies outside of the 3D camera's picture",
+                    fixed(100.0 * outside, 1)
+                ),
+                false => "the drawing reaches the rim of the 3D camera's picture".to_owned(),
+            };
             format!(
-                "{} % of the drawing's surface lies outside of the 3D camera's picture: that part of the panel and its edge are not \
-                 seen; check [nominal], or move the camera",
-                fixed(100.0 * outside, 1)
+                "{found}: that part of the panel and its edge are not seen; check [nominal], or move the camera"
             )
         };
-        (outside > MAX_OUTSIDE).then(|| Reason::new("drawing_outside", message())).into_iter().collect()
+        let coarse = || {
+            let [found, limit] = apart(self.facet_error_mm, MAX_FACETS_MM, 3);
+            format!(
+                "where its surface is curved, the drawing's triangles deviate from it by about {found} mm (limit {limit} mm): the \
+                 deviation of the panel would be that of the triangles; export the drawing with a deviation of 0.01 mm"
+            )
+        };
+        let is_cut = outside > MAX_OUTSIDE || self.reaches_rim;
+        let cut = is_cut.then(|| Reason::new("drawing_outside", message()));
+        let coarse = (self.facet_error_mm > MAX_FACETS_MM).then(|| Reason::new("drawing_coarse", coarse()));
+        cut.into_iter().chain(coarse).collect()
     }
 
     /// Reports what was taught from.

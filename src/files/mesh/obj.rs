@@ -27,7 +27,10 @@ pub(super) fn read(bytes: &[u8]) -> Result<TriangleMesh, MeshFileError> {
         let text = String::from_utf8_lossy(line);
         let text = text.trim();
         if let Some(comment) = text.strip_prefix('#') {
-            mesh.unit = one_unit(mesh.unit, LengthUnit::stated_in(comment))?;
+            mesh.unit = one_unit(
+                mesh.unit,
+                LengthUnit::stated_in(comment).map_err(|found| MeshFileError::UnknownUnit { found })?,
+            )?;
             continue;
         }
         if text.ends_with('\\') {
@@ -71,7 +74,7 @@ fn vertex(word: &str, count: usize) -> Result<u32, String> {
     let index = number.and_then(|number| match number {
         1.. => usize::try_from(number - 1).ok(),
         0 => None,
-        _ => count.checked_sub(usize::try_from(-number).ok()?),
+        _ => count.checked_sub(usize::try_from(number.unsigned_abs()).ok()?),
     });
     let allowed = || format!("'{word}' names no vertex; valid: 1 to {count}, or -1 to -{count}");
     index.filter(|&index| index < count).map(|index| index as u32).ok_or_else(allowed)

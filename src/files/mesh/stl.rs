@@ -66,7 +66,8 @@ pub(super) fn read_binary(bytes: &[u8]) -> Result<TriangleMesh, MeshFileError> {
     }
     let mut corners = Corners::default();
     corners.mesh.triangles.reserve_exact(records.len());
-    corners.mesh.unit = LengthUnit::stated_in(&String::from_utf8_lossy(&bytes[..HEADER_BYTES]));
+    corners.mesh.unit = LengthUnit::stated_in(&String::from_utf8_lossy(&bytes[..HEADER_BYTES]))
+        .map_err(|found| MeshFileError::UnknownUnit { found })?;
     for (index, record) in records.enumerate() {
         let number = |at: usize| {
             let bytes = record[at..].first_chunk().copied().unwrap_or_default();
@@ -107,7 +108,7 @@ pub(super) fn read_text(bytes: &[u8]) -> Result<TriangleMesh, MeshFileError> {
                 is_in_solid = true;
                 let rest = words.clone().collect::<Vec<_>>().join(" ");
                 corners.begin_object(words.next().unwrap_or_default());
-                let unit = LengthUnit::stated_in(&rest);
+                let unit = LengthUnit::stated_in(&rest).map_err(|found| MeshFileError::UnknownUnit { found })?;
                 corners.mesh.unit = one_unit(corners.mesh.unit, unit)?;
             }
             "facet" | "endfacet" if is_in_solid && !is_in_loop => {}

@@ -86,6 +86,8 @@ fn each_refusal_names_the_place_and_what_to_do() {
             "line 8: the face of 4 corners is not plane and convex",
         ),
         (OBJ.replace("v 2 1 0", "v 2 1 3").into_bytes(), "line 8: the face of 4 corners is not plane and convex"),
+        (OBJ.replace("v 2 1 0", "v 2 1 0.6").into_bytes(), "line 8: the face of 4 corners is not plane and convex"),
+        (OBJ.replace("vn 0 0 1", "# units: cm").into_bytes(), "the file states the unit cm (valid: mm, in, m)"),
         (OBJ.replace("vn 0 0 1", "curv 0 1 1 2").into_bytes(), "line 7: 'curv' is no statement of a mesh"),
         (OBJ.replace("vn 0 0 1", "# unit mm").into_bytes(), "states two units, in and mm"),
         (OBJ.replace("f 1/1/1 2//1 3 -1\n", "").into_bytes(), "no triangle"),

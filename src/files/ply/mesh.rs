@@ -8,8 +8,11 @@ use nalgebra::{Point3, Vector3};
 
 /// A face with more corners is no face of a mesh.
 const MAX_CORNERS: usize = 64;
-/// The smallest cosine between the normals of a face's triangles: beyond it the face is not plane, or not convex.
+/// The smallest cosine between the normals of a face's triangles: beyond it the face is not convex.
 const MIN_COS: f64 = 0.9;
+/// Largest distance of a corner from the face's plane, as a share of the face's size: two divisions of a face differ by
+/// no more than twice this, 0.2 mm on a face of 200 mm.
+const MAX_OFF_PLANE: f64 = 5e-4;
 
 /// Divides a face into triangles from its first corner; `None` if it has too few or too many corners, or is not
 /// plane and convex, so that another division would be another surface.
@@ -27,6 +30,11 @@ pub(in crate::files) fn divided(vertices: &[[f64; 3]], corners: &[u32]) -> Optio
             .collect();
         let sum: Vector3<f64> = normals.iter().sum();
         if normals.iter().any(|normal| normal.dot(&sum) < MIN_COS * normal.norm() * sum.norm()) {
+            return None;
+        }
+        let size = corners.iter().map(|&corner| (at(corner) - at(corners[0])).norm()).fold(0.0, f64::max);
+        let off_plane = |corner: &u32| (at(*corner) - at(corners[0])).dot(&sum).abs() / sum.norm();
+        if sum.norm() > 0.0 && corners.iter().map(off_plane).fold(0.0, f64::max) > MAX_OFF_PLANE * size {
             return None;
         }
     }
@@ -49,7 +57,7 @@ pub(in crate::files) fn read_ply_mesh(bytes: &[u8]) -> Result<TriangleMesh, Mesh
     let line = header.lines;
     let mut mesh = TriangleMesh::default();
     for comment in &header.comments {
-        let unit = LengthUnit::stated_in(comment);
+        let unit = LengthUnit::stated_in(comment).map_err(|found| MeshFileError::UnknownUnit { found })?;
         if let (Some(first), Some(second)) = (mesh.unit, unit)
             && first != second
         {
@@ -94,12 +102,12 @@ pub(in crate::files) fn read_ply_mesh(bytes: &[u8]) -> Result<TriangleMesh, Mesh
                 FaceProperty::Other(number) => _ = values.next(number)?,
                 FaceProperty::Corners(count, item) => {
                     let count = values.next(count)?;
-                    if !(3.0..=MAX_CORNERS as f64).contains(&count) {
+                    if !(3.0..=MAX_CORNERS as f64).contains(&count) || count.fract() != 0.0 {
                         return Err(values.wrong(&format!("a face of {count} corners; valid: 3 to {MAX_CORNERS}")));
                     }
                     for _ in 0..count as usize {
                         let corner = values.next(item)?;
-                        if !(0.0..vertices as f64).contains(&corner) {
+                        if !(0.0..vertices as f64).contains(&corner) || corner.fract() != 0.0 {
                             return Err(values.wrong(&format!("vertex {corner} of {vertices} does not exist")));
                         }
                         corners.push(corner as u32);

@@ -11,6 +11,8 @@ const DATUMS: std::ops::RangeInclusive<usize> = 3..=20;
 const MIN_SPREAD_MM: f64 = 20.0;
 /// Largest distance of a datum point from its place after the fit, mm.
 const MAX_RESIDUAL_MM: f64 = 1.0;
+/// Largest number of datum points of which all orders are tried.
+const ALL_ORDERS: usize = 5;
 /// Limits of the coordinates, mm: an aircraft's frame has its origin far from the panel.
 const REACH_MM: f64 = 100_000.0;
 
@@ -139,7 +141,51 @@ fn fitted(
         );
         return None;
     }
+    if let Some(order) = other_order(drawn, measured) {
+        let order: Vec<String> = order.iter().map(|index| (index + 1).to_string()).collect();
+        section.problem(
+            "datums_base_mm",
+            format!(
+                "the points also fit in the order {}, which would turn the drawing over or around: choose points with unequal \
+                 distances, or add one",
+                order.join(", ")
+            ),
+        );
+        return None;
+    }
     Some((base_from_drawing, residual_mm))
+}
+
+/// Returns another order of the measured points that fits the drawing as well; `None` if there is none. All orders of
+/// up to five points are tried, and all exchanges of two of more points.
+fn other_order(drawn: &[[f64; 3]], measured: &[[f64; 3]]) -> Option<Vec<usize>> {
+    let own: Vec<usize> = (0..measured.len()).collect();
+    let fits = |order: &Vec<usize>| {
+        let pairs: Vec<(Point<Drawing>, Point<Base>)> = drawn
+            .iter()
+            .zip(order)
+            .map(|(drawn, &index)| (Point::new((*drawn).into()), Point::new(measured[index].into())))
+            .collect();
+        let off_mm = |motion: Rigid<Base, Drawing>| {
+            pairs.iter().map(|(drawn, measured)| (motion * *drawn).distance_mm(*measured)).fold(0.0, f64::max)
+        };
+        nearest_motion(&pairs).is_some_and(|motion| off_mm(motion) <= MAX_RESIDUAL_MM)
+    };
+    let mut orders = vec![own.clone()];
+    for position in 0..own.len() {
+        let exchanges = |order: &Vec<usize>| {
+            let order = order.clone();
+            (position..order.len()).map(move |other| {
+                let mut exchanged = order.clone();
+                exchanged.swap(position, other);
+                exchanged
+            })
+        };
+        let starts = if own.len() <= ALL_ORDERS { orders.clone() } else { vec![own.clone()] };
+        let more: Vec<Vec<usize>> = starts.iter().flat_map(exchanges).collect();
+        if own.len() <= ALL_ORDERS { orders = more } else { orders.extend(more) }
+    }
+    orders.into_iter().find(|order| *order != own && fits(order))
 }
 
 /// Returns how far the farthest point lies from the line through the two points that are farthest apart, mm.
