@@ -181,8 +181,7 @@ fn cameras(cell: &Cell) -> Vec<Unmet> {
         }
     }
     if cfg!(not(feature = "gige")) && matches!(cell.flange_camera(), Camera::Device(_)) {
-        let message = "found \"gige\", and this program was built without the cargo feature gige; use one that was built \
-                       with it; without, \"simulated\" and \"recorded\" are allowed";
+        let message = "found \"gige\", but this program was built without the cargo feature gige; use one that was built with it; without it, only \"simulated\" and \"recorded\" are allowed";
         wrong.push(Unmet::new("flange_camera.kind", message));
     }
     wrong

@@ -30,7 +30,7 @@ impl TrustError {
 /// If the file cannot be read, or its first line is empty.
 pub fn secret(file: &Path) -> Result<String, TrustError> {
     let bytes = disk::read(file).map_err(|error| TrustError::new(file, error))?;
-    let text = String::from_utf8(bytes).map_err(|_| TrustError::new(file, "it is no UTF-8 text"))?;
+    let text = String::from_utf8(bytes).map_err(|_| TrustError::new(file, "it is not valid UTF-8 text"))?;
     match text.lines().next().map(str::trim_end).filter(|line| !line.is_empty()) {
         Some(secret) => Ok(secret.to_owned()),
         None => Err(TrustError::new(file, "its first line is empty; write the password or token there")),
@@ -87,7 +87,7 @@ mod tests {
         assert_eq!(read(b"alone"), Ok("alone".to_owned()));
         let empty = Err("its first line is empty; write the password or token there".to_owned());
         assert_eq!([read(b""), read(b"\nsecond\n")], [empty.clone(), empty]);
-        assert_eq!(read(&[0xff]), Err("it is no UTF-8 text".to_owned()));
+        assert_eq!(read(&[0xff]), Err("it is not valid UTF-8 text".to_owned()));
         let missing = secret(&folder.path().join("none")).expect_err("not there");
         assert!(missing.to_string().ends_with("none: No such file or directory (os error 2)"), "{missing}");
     }

@@ -27,8 +27,8 @@ pub(super) fn read(text: &str) -> Result<PinholeCamera, String> {
         .lines()
         .map(|line| if line.starts_with('%') { String::new() } else { line.replace("!!opencv-matrix", "") })
         .collect();
-    let documents =
-        Yaml::load_from_str(&plain.join("\n")).map_err(|error| format!("this is no YAML: {}", error.info()))?;
+    let documents = Yaml::load_from_str(&plain.join("\n"))
+        .map_err(|error| format!("this is not valid YAML: {}", error.info()))?;
     let [top] = documents.as_slice() else { return Err("valid: exactly one YAML document".to_owned()) };
     let size = |names: &[&str], what: &str| {
         let found = names.iter().find_map(|name| number(top, &[name]));

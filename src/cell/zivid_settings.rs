@@ -40,7 +40,7 @@ impl Mains {
         }
     }
 
-    /// Returns whether an exposure lasts a multiple of the flicker period, up to a hundredth of the period.
+    /// Returns whether an exposure lasts a multiple of the flicker period, to within a hundredth of the period.
     pub fn fits(self, exposure_us: f64) -> bool {
         let periods = exposure_us / self.flicker_us();
         periods.round() >= 1.0 && (periods - periods.round()).abs() <= 0.01
@@ -166,7 +166,7 @@ fn read(text: &str, usage: Option<ZividUse>, problems: &mut Vec<Problem>) -> Opt
     let documents = match MarkedYaml::load_from_str(text) {
         Ok(documents) => documents,
         Err(error) => {
-            let message = format!("this is no YAML: {}", error.info());
+            let message = format!("this is not valid YAML: {}", error.info());
             problems.push(Problem { line: error.marker().line(), key: String::new(), message });
             return None;
         }
@@ -319,8 +319,8 @@ mod tests {
         let cases = [
             (SCAN_FILE, ZividUse::Film, "found Settings, expected settings for pictures, with Settings2D"),
             (FILM_FILE, ZividUse::Scan, "found Settings2D, expected settings for 3D shots"),
-            ("a: [", ZividUse::Film, "this is no YAML"),
-            ("[scanner]\nkind = 'zivid'", ZividUse::Film, "this is no YAML"),
+            ("a: [", ZividUse::Film, "this is not valid YAML"),
+            ("[scanner]\nkind = 'zivid'", ZividUse::Film, "this is not valid YAML"),
             ("scanner: zivid", ZividUse::Film, "exactly one of the two is needed"),
             (
                 "Settings2D:\n  Acquisitions: []\n",

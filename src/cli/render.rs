@@ -26,7 +26,8 @@ use std::path::Path;
 
 /// A file that marks a folder as written by this command; only such a folder may be written again.
 const MARK: &str = ".rendered-by-panelprep";
-/// Length of the wet film, s, followed by its number of pictures per second (the recipe's own defaults).
+/// Duration of the observation of the wet panel, s (the default of the cell's file); the next constant is the number
+/// of pictures per second (the recipe's default).
 const OBSERVATION_S: u32 = 60;
 const FRAMES_PER_SECOND: f64 = 5.0;
 

@@ -82,7 +82,7 @@ impl Found {
             self.note(file, 1, "CONFIGURATION/INTERNAL/ENVIRONMENT", message);
         }
         if theirs.protocol != ours.protocol {
-            self.note(file, 1, "CONFIGURATION/INTERNAL/PROTOCOL", "is not TCP, which the PC speaks");
+            self.note(file, 1, "CONFIGURATION/INTERNAL/PROTOCOL", "is not TCP, the protocol that the PC uses");
         }
         if theirs.memory != ours.memory {
             let message = format!(
@@ -162,7 +162,8 @@ impl Found {
             }
         }
         if came_by.len() > 1 {
-            let message = "two elements raise a flag; only the root may, when the whole message has arrived";
+            let message =
+                "two elements set a flag; only the root element may set one, when the whole message has arrived";
             self.note(file, came_by[1].line, "RECEIVE ELEMENT", message);
         }
     }

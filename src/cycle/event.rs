@@ -152,7 +152,7 @@ pub enum Answer {
         /// Its waypoints.
         waypoints: u32,
     },
-    /// The act could not be performed.
+    /// The action could not be performed.
     Failed(Trouble),
 }
 

@@ -91,8 +91,8 @@ impl Turn {
         touches && !self.state.facts.full_override && self.rules.keep(Rule::FullOverride)
     }
 
-    /// Performs the first act that the given act still needs, or the given act itself if all needs are satisfied.
-    /// If only time must pass, nothing is performed yet.
+    /// Performs the first action that the given action still needs, or the given action itself if all its needs are
+    /// satisfied. If it only has to wait for time to pass, nothing is performed yet.
     fn perform_first(&mut self, mut act: Action) {
         loop {
             match self.unmet(&needs(act)) {

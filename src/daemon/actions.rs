@@ -15,8 +15,8 @@ use crate::geometry::KukaPose;
 use crate::record::Kind;
 use crate::verdict::{Judgement, Reason, Verdict};
 
-/// A stop that waits in the queue is processed within this number of the robot's states: the loop processes at least
-/// one request between every second pair of states.
+/// The number of robot states within which a stop that waits in the queue is processed: the loop processes at least
+/// one request for every two robot states.
 const MAX_STATES_BEFORE_STOP: u8 = 3;
 
 impl Running<'_> {

@@ -106,7 +106,7 @@ impl RequestKind {
         }
     }
 
-    /// Returns the request to the table, if it contains one.
+    /// Returns the request for the state table that this request contains, if there is one.
     pub(super) fn of_table(&self) -> Option<cycle::Request> {
         match self {
             RequestKind::Table(request) => Some(*request),

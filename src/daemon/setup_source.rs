@@ -38,7 +38,7 @@ impl RecipeText {
     }
 }
 
-/// A camera, the tool or another item with a calibration that has an age.
+/// A camera, the tool or another item with a dated calibration.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Equipment {
     /// What it is.

@@ -29,7 +29,7 @@ fn a_greasy_panel_is_abraded_once_and_passes() {
     };
     assert_eq!(story.stages(), stages, "{story}");
     assert!(!story.outcome.passes.is_empty() && story.outcome.passes.iter().all(|(_, times)| *times == 1));
-    // Each waypoint is executed once: the air point of the approach is the plan's first waypoint.
+    // Each waypoint is executed once: the point in the air where the approach ends is the plan's first waypoint.
     let contact = story.motions(Path::Contact);
     assert_eq!(contact.len(), 1);
     let (motion, outcome, done) = contact[0];

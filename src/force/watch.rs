@@ -14,7 +14,7 @@ use crate::number_text::fixed;
 use crate::verdict::Reason;
 use std::time::Duration;
 
-/// Largest extension of a tool that is held back, as a fraction of its stroke.
+/// Largest extension of a retracted tool, as a fraction of its stroke.
 const BACK_SHARE: f64 = 1.0 / 6.0;
 /// Time limit for a tool to retract: enough for the longest stroke of the slowest tool.
 const RETRACT_TIMEOUT: Duration = Duration::from_millis(600);

@@ -28,7 +28,7 @@ const ROUNDS: usize = 4;
 /// A height farther than this from the best single patch does not belong to the field, mm; the waves of a panel are
 /// smaller.
 const OFF_PATCH_MM: f64 = 1.5;
-/// Number of functions that are not 0 at one place, along each axis.
+/// Number of basis functions that are non-zero at a point, along each axis.
 const ORDER: usize = DEGREE + 1;
 /// Number of heights summed by one task.
 const CHUNK: usize = 2_048;

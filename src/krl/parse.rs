@@ -240,7 +240,7 @@ impl Parser {
             let lacking = self.lines.iter().skip(self.at).take_while(lacks).count();
             let goes_on = self.lines.get(self.at + lacking).is_some_and(|line| is_declaration(&line.tokens));
             for _ in 0..lacking * usize::from(in_data || goes_on) {
-                let message = "DECL is missing: KUKA's manual leaves it out before simple types alone";
+                let message = "DECL is missing: KUKA's manual omits it only before simple types";
                 if let Some((line, first)) = self.first_word() {
                     self.warn(line, &first, message.to_owned());
                 }

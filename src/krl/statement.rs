@@ -314,7 +314,7 @@ fn other(reader: &mut Reader<'_>, first: &str) -> Read<Action> {
         return Err((*instead).into());
     }
     let message = match reader.peek() {
-        _ if NOT_READ.contains(&first) => format!("{first} is a statement of KRL that is not read here"),
+        _ if NOT_READ.contains(&first) => format!("{first} is a KRL statement that this parser does not support"),
         None => {
             return Err(format!("this is no statement of KRL; a call has brackets: {first}( )").into());
         }

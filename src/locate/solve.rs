@@ -15,7 +15,8 @@ use rayon::prelude::*;
 
 /// The number of constraints that one task sums.
 const CHUNK: usize = 1_024;
-/// The minimum ratio of the weakest constraint of a twist to the strongest.
+/// For each component of the twist, the minimum ratio of its information if the other components are unknown to its
+/// information if they are known.
 const MIN_CONDITION: f64 = 1e-9;
 
 /// One residual and its gradient.

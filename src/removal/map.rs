@@ -39,8 +39,8 @@ pub struct RemovalMap {
     sides_mm: [f64; 2],
 }
 
-/// Returns the removal of the region by these stretches. Grids that are not to be treated are included if the disc
-/// overlaps them.
+/// Returns the map of the depth that these stretches remove on the grids of the region. Grids that are not to be
+/// treated are included if the disc overlaps them.
 pub fn removed(
     (surface, region, ground): (&BSplineSurface, &Region, Ground<'_>),
     treated: &[GridId],

@@ -32,7 +32,7 @@ const ROUNDS: [usize; 2] = [40, 12];
 /// A move of the path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Move {
-    /// The index of the pose at the end of the move, counted as for the stretches.
+    /// The index of the pose at the end of the move, with the same numbering as `Stretch::pose`.
     pub pose: usize,
     /// Its length, mm.
     pub length_mm: f64,

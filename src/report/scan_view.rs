@@ -98,7 +98,7 @@ mod tests {
         let picture = region_in_scan(&scan(), &corners, &[4]).expect("drawn");
         let (left, top) = (picture.width - 1000, picture.height - 300);
         let at = |u: usize, v: usize| picture.rgb[(top + v) * picture.width + left + u];
-        // The drawn edges are smoothed, so a pixel may be lighter than its ink.
+        // The drawn edges are anti-aliased, so a pixel may be lighter than its ink.
         let off =
             |found: [u8; 3], ink: Ink| -> u32 { (0..3).map(|i| u32::from(found[i].abs_diff(ink.0[i]))).sum() };
         let is_blue = |pixel: [u8; 3]| 3 * off(pixel, Ink::BLUE) < off(pixel, Ink::VERMILLION);

@@ -57,7 +57,7 @@ pub(super) fn unmet(cell: &Cell, purpose: Purpose, read: ReadNamed<'_>) -> Vec<U
             NamedFile::Unreadable(why) => (Lack::WrongFile, format!("names {name}, which cannot be read: {why}")),
             NamedFile::Text(text) => {
                 let problems = check(&key, &name, &text, &correction).err()?;
-                (Lack::WrongFile, format!("names a file that is not right: {}", first(&problems)))
+                (Lack::WrongFile, format!("names a file that is not valid: {}", first(&problems)))
             }
         };
         Some(Unmet { key, message, lack })

@@ -208,8 +208,8 @@ impl Film {
         mask
     }
 
-    /// Returns the ground truth: the colours of each pixel, dry and under a whole film, grey levels. Both are equal
-    /// beside the panel.
+    /// Returns the ground truth: the colours of each pixel, dry and under an unbroken film, grey levels. Both are
+    /// equal beside the panel.
     pub fn dry_and_wet_levels(&self) -> Vec<[[f64; 3]; 2]> {
         let levels = |color: Color| color.map(|level| f64::from(level) / f64::from(super::noise::LEVEL));
         let mut both: Vec<[[f64; 3]; 2]> = self.dry.iter().map(|dry| [levels(*dry); 2]).collect();

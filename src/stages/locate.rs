@@ -54,7 +54,8 @@ impl Located<'_> {
         self.view.range
     }
 
-    /// The place of the drawing's frame, if the panel was found and was taught from its drawing.
+    /// Returns the pose of the drawing's frame in the base frame, if the panel was found and was taught from its
+    /// drawing.
     pub fn base_from_drawing(&self) -> Option<KukaPose> {
         let Reference::Drawing { panel_from_drawing } = self.panel.reference else { return None };
         Some(KukaPose::from_rigid(&(self.fit.as_ref()?.base_from_panel * panel_from_drawing)))

@@ -50,11 +50,11 @@ impl Window {
     }
 }
 
-/// All samples, band by band of the picture's rows.
+/// All samples, grouped into bands of the picture's rows.
 #[derive(Debug, Clone)]
 pub(super) struct Samples {
     pub knots: [KnotVector; 2],
-    /// The functions of each span along u and v.
+    /// The basis functions of each span, along u and along v.
     pub functions: [Vec<SpanFunctions>; 2],
     pub window: Window,
     pub bands: Vec<Vec<Sample>>,

@@ -76,7 +76,7 @@ pub enum Severity {
     None,
     /// A person decides.
     Review,
-    /// The object is not used; a film without a result is invalid.
+    /// The object is rejected; a rejected test of the water film counts as invalid.
     Reject,
 }
 

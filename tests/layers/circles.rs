@@ -286,7 +286,7 @@ impl Crate {
         self.modules.keys().filter_map(|path| path.first().cloned()).collect()
     }
 
-    /// Returns the circles of a top-level module, by name.
+    /// Returns the dependency cycles between the files of a top-level module, sorted by their members.
     pub fn circles(&self, room: &str) -> Vec<Circle> {
         let edges = self.edges(room);
         let reached: BTreeMap<&ModulePath, BTreeSet<&ModulePath>> =

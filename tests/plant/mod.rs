@@ -124,7 +124,7 @@ pub fn database(programs: &Path, folder: &Path, port: u16) -> Server {
     let data = folder.join("postgres");
     fs::create_dir_all(&data).expect("a folder");
     if rustix::process::geteuid().is_root() {
-        // The other user needs access to the folder above.
+        // The other user needs access to the parent folder.
         let open = |path: &Path| fs::set_permissions(path, std::os::unix::fs::PermissionsExt::from_mode(0o755));
         open(folder).expect("opened");
         let given = Command::new("chown").arg("postgres").arg(&data).status().expect("chown");

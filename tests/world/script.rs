@@ -131,7 +131,7 @@ pub enum Fault {
     SlowDisk { late_ms: u64, for_ms: u64 },
     /// This number of messages with commands of an ended epoch arrive once more.
     Replay(u32),
-    /// This number of the client's aborts are answered, and the controller continues.
+    /// This number of the client's aborts arrive as heartbeats: the controller answers them and continues.
     Unheeded(u32),
     /// The people who run the cell request nothing for this time.
     Away(u64),

@@ -44,7 +44,7 @@ pub fn checks(found: &ScannerErrors) -> Vec<Check> {
             .at_least(100.0 * COVERED, SetBy::Program)
             .reviews("scanner_covered", || {
                 let [is, least] = apart(100.0 * found.covered, 100.0 * COVERED, 0);
-                format!("boards cover {is} % of the picture, {least} % are needed; hold the board in its corners, too")
+                format!("boards cover {is} % of the picture, {least} % are needed; hold the board in the corners of the picture, too")
             }),
         Check::new("farthest over nearest place of the board", "", found.depths_mm[1] / found.depths_mm[0])
             .at_least(DEPTHS, SetBy::Program)

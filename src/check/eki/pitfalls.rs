@@ -6,8 +6,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// The ports that the controller's firewall opens.
 const PORTS: std::ops::RangeInclusive<u16> = 54_600..=54_615;
-/// The number after the last `$FLAG`, and also the end of the manual's range for Set_Flag; larger numbers are refused
-/// as outside of that range.
+/// The first number beyond the last `$FLAG`, 1024. The manual's range for Set_Flag still includes it, so it only gives
+/// a warning; larger numbers are refused as outside of that range.
 const FIRST_NO_FLAG: u32 = 1025;
 
 /// Adds everything to `found` that is visible from one channel's own file.

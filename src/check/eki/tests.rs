@@ -205,7 +205,7 @@ fn what_is_no_channel_file_is_said() {
         assert_eq!(report.says, Vec::<String>::new());
     }
     let deep = "<ETHERNETKRL>".to_owned() + &"<A>".repeat(100_000);
-    expect(&deep, &["1 : not XML: more than 32 elements inside each other"], &[]);
+    expect(&deep, &["1 : not XML: elements are nested more than 32 levels deep"], &[]);
 }
 
 /// Unknown elements, names in another case, and comments as in a data list: they are read and reported.

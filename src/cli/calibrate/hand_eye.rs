@@ -260,7 +260,7 @@ fn report_result<A: Arrangement>(
     outcome.add_line(format!("± {:.3} mm at the panel (95 %); {lens}", found.uncertainty_mm));
     if found.poses_each > 1.0 {
         outcome.add_line(format!(
-            "the arm's errors are alike in neighbouring poses: {:.1} poses count as one; calibrate the arm (`panelprep calibrate \
+            "the arm's errors are correlated in neighbouring poses: {:.1} poses count as one; calibrate the arm (`panelprep calibrate \
              robot`), or take poses over the whole working volume",
             found.poses_each
         ));

@@ -46,7 +46,7 @@ pub fn strike(args: &StrikeOut, common: &Common) -> Result<Outcome, Fault> {
         TOOL_FORCE => "calibrate force --verify",
         _ => "calibrate verify",
     };
-    outcome.add_line(format!("it stays in the store and counts no more; run `panelprep {again}` again"));
+    outcome.add_line(format!("it stays in the store but no longer counts; run `panelprep {again}` again"));
     outcome.put("verification", row(args.number, &verification));
     Ok(outcome)
 }

@@ -41,7 +41,7 @@ pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fau
     let views: Vec<PlaneView> = all.iter().filter_map(|(_, _, view)| view.as_ref().ok().cloned()).collect();
     progress("errors");
     let over = rectangle(&lens.camera).ok_or_else(|| {
-        Fault::stage(CalibError::Points("the lens gives the picture's corners no ray".to_owned()))
+        Fault::stage(CalibError::Points("the lens model has no ray for a corner of the picture".to_owned()))
     })?;
     let found = match measure(&views, over) {
         Ok(found) => found,

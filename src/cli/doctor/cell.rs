@@ -115,7 +115,10 @@ pub(super) fn calibrations(files: &CellFiles, store: Option<&Store>) -> Vec<Chec
                 )
             }
             Some(touch) => Check::right("calibration of the tool", format!("last touch {:.3} mm off", touch.error)),
-            None => Check::right("calibration of the tool", "never touched: the robot's own error is not measured"),
+            None => Check::right(
+                "calibration of the tool",
+                "no touch is recorded: the robot's own error is not measured",
+            ),
         },
         Err(fault) => unread("tool", &fault),
     };

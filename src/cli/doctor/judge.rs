@@ -104,10 +104,10 @@ pub(super) fn graphics_processor(devices: Option<&str>, has_uvm_node: bool) -> C
         (true, true, _) if has_uvm_node => Check::right(name, "NVIDIA, with nvidia-uvm"),
         (true, true, _) => Check::wrong(
             name,
-            "NVIDIA, and its computing part has no /dev/nvidia-uvm",
+            "NVIDIA, but there is no device /dev/nvidia-uvm",
             "let `nvidia-modprobe -c 0 -u` run at boot: the service must not make a device by itself",
         ),
-        (true, false, _) => Check::wrong(name, "NVIDIA, and its computing part nvidia-uvm is not loaded", uvm),
+        (true, false, _) => Check::wrong(name, "NVIDIA, but its kernel module nvidia-uvm is not loaded", uvm),
         (false, _, true) => {
             let found = "no NVIDIA driver; a display driver (drm) is loaded, and the SDK computes with it if it supports it";
             Check::right(name, found)

@@ -56,8 +56,9 @@ fn broker_files(broker: &Broker) -> Result<(), TrustError> {
 fn recipe(file: &Path) -> Check {
     const NAME: &str = "line";
     let text = disk::read(file).map_err(|error| format!("{}: {error}", file.display()));
-    let text = text
-        .and_then(|bytes| String::from_utf8(bytes).map_err(|_| format!("{}: it is no UTF-8 text", file.display())));
+    let text = text.and_then(|bytes| {
+        String::from_utf8(bytes).map_err(|_| format!("{}: it is not valid UTF-8 text", file.display()))
+    });
     let checked = text.and_then(|text| {
         Recipe::check(&file.display().to_string(), &text).map_err(|problems| problems.to_string())
     });

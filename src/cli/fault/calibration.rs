@@ -48,7 +48,7 @@ pub enum CalibrationFault {
         /// The calibration's file.
         file: PathBuf,
     },
-    /// The tool has a point but no axis.
+    /// The tool's TCP was measured, but not its axis.
     #[error(
         "{file}: the tool's axis was not measured (axis_measured is not true); a pad that is not flat grinds an edge: \
          run `panelprep calibrate tcp` with [[axis]], or with [[plate]] and [[flat]]"

@@ -65,7 +65,7 @@ fn scan(args: &Teach, (cell, world): (&CellFiles, Option<&sim::Cell>), folder: &
         }
     };
     disk::write(&file, files::write_pcd(&cloud))?;
-    tell_line(&format!("{}: the scan that the panel is taught by", file.display()));
+    tell_line(&format!("{}: the scan from which the panel is taught", file.display()));
     Ok(file)
 }
 

@@ -87,7 +87,7 @@ fn outputs_that_were_on_outlive_the_program_and_the_link() {
     assert_eq!((story.at(), story.cell.state.facts.water_may_run), (At::Stopped, false));
 }
 
-/// The stations of a cycle, each represented by one act.
+/// The phases of a cycle, each represented by one action.
 const STATIONS: [&str; 15] = [
     "to-park",
     "locate",

@@ -175,7 +175,7 @@ impl LineParts {
         let read =
             tokio::task::spawn_blocking(move || disk::read(&file)).await.map_err(|error| error.to_string())?;
         let bytes = read.map_err(|error| format!("{name}: {error}"))?;
-        let text = String::from_utf8(bytes).map_err(|_| format!("{name}: it is no UTF-8 text"))?;
+        let text = String::from_utf8(bytes).map_err(|_| format!("{name}: it is not valid UTF-8 text"))?;
         Ok(RecipeText { name, text })
     }
 }

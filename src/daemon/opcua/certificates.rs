@@ -115,7 +115,10 @@ fn named(file: &Path, trusted: &Path) -> Option<String> {
     let read = crate::disk::read(file).ok();
     let certificate = read.and_then(|bytes| X509::from_der(&bytes).or_else(|_| X509::from_pem(&bytes)).ok());
     let Some(certificate) = certificate else {
-        return Some(format!("{}: it is not a certificate, so it makes no client trusted", file.display()));
+        return Some(format!(
+            "{}: this is not a certificate, so no client is trusted because of it",
+            file.display()
+        ));
     };
     let name = trusted.join(CertificateStore::cert_file_name(&certificate));
     if file == name {

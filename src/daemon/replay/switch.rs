@@ -48,7 +48,7 @@ struct Inside {
     recorder: Option<Recorder>,
     /// The cycle is over; the answers that are still expected belong to it.
     is_over: bool,
-    /// The ended recording, until it is taken by [`RecordingSwitch::take_recording`].
+    /// The finished recording, until it is taken by [`RecordingSwitch::take_recording`].
     recording: Option<Recording>,
     /// The last recording, for status requests.
     last: Option<(String, Recorder)>,

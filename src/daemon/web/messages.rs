@@ -41,7 +41,8 @@ pub(super) fn by_code(words: Language<'_>, reasons: &[Reason]) -> Markup {
     html! { ul { @for (code, messages) in &codes { li { (explained(words, code, messages)) } } } }
 }
 
-/// Shows the sentences of a code, its meaning and what to do, in the order in which the person reads them.
+/// Shows the messages of a reason's code, its cause and the remedy: in English the messages first, in other languages
+/// the cause and the remedy first.
 pub(super) fn explained(words: Language<'_>, code: &str, messages: &[&str]) -> Markup {
     let remedy = |remedy| html! { p { strong { (words.word("alarms.remedy")) ": " } (prose(remedy)) } };
     let sentences =

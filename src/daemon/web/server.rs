@@ -141,7 +141,7 @@ fn words(page: &cell::Page) -> Result<Words, PageError> {
         None => None,
         Some(file) => {
             let bytes = disk::read(file).map_err(|error| PageFileError::file(file, error))?;
-            Some(String::from_utf8(bytes).map_err(|_| PageFileError::file(file, "it is no UTF-8 text"))?)
+            Some(String::from_utf8(bytes).map_err(|_| PageFileError::file(file, "it is not valid UTF-8 text"))?)
         }
     };
     let file = page.words.clone().unwrap_or_default();

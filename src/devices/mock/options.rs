@@ -20,7 +20,7 @@ pub enum Mode {
     T2 = 2,
     /// Automatic.
     Aut = 3,
-    /// Automatic mode, started from outside.
+    /// Automatic External: a higher-level controller (PLC) starts the program.
     Ext = 4,
 }
 

@@ -37,7 +37,8 @@ pub struct Setup {
     /// Each $OUT that the end of an epoch switches off, and the delay, ms. With the delay 0, the output is switched
     /// off at once, and the client is watched for silence while the output is on.
     pub off_after_ms: BTreeMap<u16, u64>,
-    /// The $OUT of each signal to a line: ready, cycle done, pass, fail, review, fault; 0 if there is none.
+    /// The $OUT number of each signal to a production line: ready, cycle done, pass, fail, review, fault; 0 for a
+    /// signal that is not used.
     pub line_outputs: [u16; 6],
     /// Inputs that can be set, with the $FLAG that is read in place of each input.
     pub mapped_inputs: BTreeMap<u16, u16>,

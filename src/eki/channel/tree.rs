@@ -83,7 +83,7 @@ pub(super) fn tree(text: &str) -> Result<Node, Problem> {
             Event::Start(tag) => {
                 open.push(node(text, at, &tag, open.last())?);
                 if open.len() > MAX_DEPTH {
-                    return Err(not_xml(line, &format!("more than {MAX_DEPTH} elements inside each other")));
+                    return Err(not_xml(line, &format!("elements are nested more than {MAX_DEPTH} levels deep")));
                 }
             }
             Event::Empty(tag) => close(node(text, at, &tag, open.last())?, &mut open, &mut root),

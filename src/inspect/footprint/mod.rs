@@ -60,7 +60,7 @@ struct Patch {
     sanded: bool,
 }
 
-/// The part of the taught region that is looked at.
+/// The part of the taught region that is inspected.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Looked<'a> {
     /// The window is wider than the region by this margin, px.

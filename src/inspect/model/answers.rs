@@ -54,7 +54,7 @@ impl Model {
         self.noise.levels()
     }
 
-    /// Returns the median of this value over the region's pixels that have a dry look, were seen wet and did not
+    /// Returns the median of this value over the region's pixels that have a dry reference, were seen wet and did not
     /// break.
     fn median(&self, of: impl Fn(usize) -> f64) -> Option<f64> {
         let counts = |index: &usize| self.state(*index) & (INSIDE | NO_DRY | EVER_WET | BROKE) == INSIDE | EVER_WET;

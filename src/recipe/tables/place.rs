@@ -19,7 +19,7 @@ impl Choice for Registration {
 }
 
 settings! {
-    /// `[locate]`: where the panel is searched, and the limits for acceptance (thesis 3.8).
+    /// `[locate]`: where the panel is searched for, and the limits for acceptance (thesis 3.8).
     pub struct Locate {
         /// The method of refining the pose. The thesis's method does not state its own error: the distance of its pose
         /// from that of the other method counts as its error.

@@ -1,4 +1,4 @@
-//! Clips that are no valid test: each must be `invalid`, with its reason.
+//! Clips that are not valid tests: each must be `invalid`, with its reason.
 
 use crate::clips::{Bench, phase, times_s};
 use crate::goal::Figure;

@@ -73,7 +73,8 @@ pub fn measure() -> usize {
     missed
 }
 
-/// Returns the depth across the middle of the line, µm, 1 mm apart, and the computing time of the whole map, s.
+/// Returns the depths across the middle of the line, µm, sampled every 1 mm, and the computing time of the whole map,
+/// s.
 fn ours(bends: [f64; 2]) -> (Vec<f64>, f64) {
     let surface = bent(SIDES_MM, bends);
     let region = region([1, 1]);

@@ -164,7 +164,7 @@ impl Run {
     }
 }
 
-/// The reason for an epoch's end, by the reports to the client.
+/// The reason for an epoch's end, according to the reports to the client.
 fn why(report: &Report) -> Option<&'static str> {
     Some(match report {
         Report::Refused { refusal: Refusal::NotReachable, .. } => "refused: not reachable",

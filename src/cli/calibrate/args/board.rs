@@ -28,7 +28,8 @@ pub struct NamedBoard {
     /// Side of a square, mm; measure it over many squares. Not needed for circles.
     #[arg(long, value_name = "MM", requires = "board")]
     pub square_mm: Option<f64>,
-    /// Half the side of the window that refines a corner, px; without it, calculated from the distance of corners.
+    /// Half the side of the window that refines a corner, px; if it is not given, it is calculated from the distance
+    /// between corners.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100))]
     pub subpix: Option<u32>,
 }
