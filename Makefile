@@ -143,7 +143,7 @@ mutants: setup $(CARGO_MUTANTS)
 # each. Findings are written to target/fuzz/found; inputs with new coverage are kept in target/fuzz/corpus. All crates are built
 # with counters, in a separate folder: the first build takes about ten minutes.
 SECONDS := 60
-FUZZ_TARGETS := framer wire channel session request recipe cell lens mounts pcd ply clip picture pose tape zivid_settings krl backup worker labels tool office sparkplug
+FUZZ_TARGETS := framer wire channel session request recipe cell lens mounts pcd ply mesh clip picture pose tape zivid_settings krl backup worker labels tool office sparkplug
 FUZZ_HOST := $(shell rustc -vV 2>/dev/null | sed -n 's/^host: //p')
 FUZZ := target/fuzz/$(FUZZ_HOST)/fuzz/examples/fuzz
 FUZZ_FLAGS := --cfg fuzzing -Cpasses=sancov-module $(addprefix -Cllvm-args=-sanitizer-coverage-,level=4 inline-8bit-counters pc-table trace-compares)

@@ -340,7 +340,7 @@ mod tests {
             problem_messages("a.toml", "x = 3"),
             ["the kind of this file is not recognized; its top-level keys would show it: \
               cell (store, socket, socket_role, scanner, flange_camera, robot, tool, poses, io, calibration, limits, rough, arm, keep_out, page, office, push, sparkplug, opcua, line); \
-              recipe (panel, process, locate, corner, region, inspect, surface, path, removal); \
+              recipe (panel, process, locate, corner, region, inspect, surface, path, removal, nominal); \
               intrinsics (camera, scanner_errors); base_from_camera (base_from_camera); \
               flange_from_camera (flange_from_camera); flange_from_tool (flange_from_tool); \
               base_from_board (base_from_board); robot_correction (robot_correction); removal (removal); \

@@ -70,7 +70,7 @@ mod tests {
         ));
         assert!(told.contains("f:3: scanner.library: has no effect"), "{told}");
         let told = says("[scanner]\nkind = 'zivid'\nserial = '1'\nfile_camera = 'a.zfc'");
-        assert!(told.contains("f:4: scanner.file_camera: goes without serial"), "{told}");
+        assert!(told.contains("f:4: scanner.file_camera: cannot be combined with serial"), "{told}");
         let told = says("[scanner]\nkind = 'zivid'\nsetings = 'scan.yml'");
         assert!(told.contains("setings") && told.contains("settings"), "{told}");
     }

@@ -140,9 +140,9 @@ const MISTAKES: [(&str, &str, &str, &str); 74] = [
     (CONFIG, "CELL_F_HALT=855", "CELL_F_HALT=865", "INTERRUPT DECL 20: watches $FLAG[855]"),
     (CONFIG, "CELL_F_HALT=855", "CELL_F_HALT=852", "CELL_F_HALT: is 852, which is CELL_F_STOP already"),
     (CONFIG, "CELL_F_HALT=855", "CELL_F_HALT=1025", "CELL_F_HALT: is 1025, valid:"),
-    (CONFIG, "CELL_T_SUBMIT=21", "CELL_T_SUBMIT=31", "CELL_T_SUBMIT: is 31, and CELL_T_HEARD before it is 20"),
+    (CONFIG, "CELL_T_SUBMIT=21", "CELL_T_SUBMIT=31", "CELL_T_SUBMIT: is 31, but CELL_T_HEARD before it is 20"),
     (CONFIG, "CELL_T_STILL=26", "CELL_T_STILL=65", "CELL_T_STILL: is 65, valid:"),
-    (CONFIG, "CELL_T_OFF=25", "CELL_T_OFF=24", "CELL_T_OFF: is 24, and CELL_T_SILENT before it is 24"),
+    (CONFIG, "CELL_T_OFF=25", "CELL_T_OFF=24", "CELL_T_OFF: is 24, but CELL_T_SILENT before it is 24"),
     (
         MOTION,
         "INTERRUPT DECL 21 WHEN $FLAG[852]",
