@@ -185,7 +185,8 @@ impl NotSeen {
             let towards = -area.dot(&middle.coords);
             let facing = if is_closed { towards * outward } else { towards.abs() };
             let area_mm2 = area.norm();
-            if !(facing > MIN_FACING * area_mm2 * middle.coords.norm()) || middle.z <= 0.0 {
+            let is_facing = facing > MIN_FACING * area_mm2 * middle.coords.norm();
+            if !is_facing || middle.z <= 0.0 {
                 return [0.0; 3];
             }
             if camera.project_inside(Point::<C>::new(middle)).is_none() {
