@@ -73,8 +73,18 @@ fn seen(mesh: TriangleMesh, place: &Rigid<Camera, Drawing>) -> Seen {
     Seen::look(&rays, &CAMERA).expect("the lens has rays").expect("it is seen")
 }
 
-/// The points of a box's front lie on its plane to a micrometre, and the shares of the pixels add up to the area
-/// of its projected outline to a thousandth of a pixel of its length.
+/// Returns the middle of the area inside a polygon, px.
+fn middle_px(corners: &[Pixel]) -> [f64; 2] {
+    let sides = corners.iter().zip(corners.iter().cycle().skip(1));
+    let [u, v, twice] = sides.fold([0.0; 3], |[u, v, twice], (a, b)| {
+        let part = a.u * b.v - b.u * a.v;
+        [u + part * (a.u + b.u), v + part * (a.v + b.v), twice + part]
+    });
+    [u / (3.0 * twice), v / (3.0 * twice)]
+}
+
+/// The points of a box's front lie on its plane to a micrometre. The shares of the pixels add up to the area of its
+/// projected outline to a hundredth of a pixel of its length, and have the same middle.
 #[test]
 fn a_box_is_seen_where_it_projects() {
     let place = in_front(500.0);
@@ -100,6 +110,13 @@ fn a_box_is_seen_where_it_projects() {
         .map(|mm| CAMERA.project(place * crate::geometry::Point::new(mm.into())).expect("in front"))
         .collect();
     let area_px2 = crate::geometry::polygon::signed_area_px2(&outline).abs();
+    let middle = |axis: usize| {
+        let place = |index: usize| [index % picture.width, index / picture.width][axis] as f64;
+        let shares = picture.rgb.iter().enumerate();
+        shares.map(|(index, rgb)| place(index) * (1.0 - f64::from(rgb[0]) / 255.0)).sum::<f64>() / covered
+    };
+    let off_px = [0, 1].map(|axis| middle(axis) - middle_px(&outline)[axis]);
+    assert!(off_px.iter().all(|off_px| off_px.abs() < 0.01), "{off_px:?} px");
     assert!((covered - area_px2).abs() < 0.005 * 2.0 * 144.0, "{covered} px², outline {area_px2} px²");
 }
 
