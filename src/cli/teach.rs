@@ -35,13 +35,13 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     let args = &live_inputs::ready(args, &cell_files, drawn.as_ref().map(|drawn| &drawn.scan))?;
     let recipe = load::recipe(&args.recipe)?;
     let (scanner, base_from_camera) = (cell_files.scanner()?, cell_files.base_from_camera()?);
-    let teaching = given(args, &mut drawn, &cell_files, &recipe)?;
     let scan = match (&drawn, &args.scan) {
         (Some(drawn), _) => drawn.scan.clone(),
         // An unsuitable scan is refused with the file's name before anything is stored.
         (None, Some(file)) => scanner.scan_errors.corrected(load::scan(file, &scanner.value)?),
         (None, None) => return Err(TeachingFault::NoScan.into()),
     };
+    let teaching = given(args, &mut drawn, &cell_files, &recipe)?;
     let name = |index: usize| {
         let file = args.corner.get(index).or_else(|| args.flange.get(index));
         file.map_or_else(|| format!("corner {}", index + 1), |file| file.display().to_string())

@@ -189,11 +189,7 @@ fn evenness(plan: &Plan, settings: &recipe::Path) -> Vec<Check> {
                      feed_angle_deg brings them closer"
                 )
             }),
-        Check::new(
-            "time under the disc, 5 % quantile over the treated area",
-            "s",
-            plan.dwell.map(|dwell| dwell.low_s),
-        ),
+        Check::new("time under the disc, 5 % of the treated area", "s", plan.dwell.map(|dwell| dwell.low_s)),
         Check::new("time under the disc, 95 % of the treated area", "s", plan.dwell.map(|dwell| dwell.high_s)),
         Check::new(name::DWELL_RATIO, "", ratio.map(|(ratio, _)| ratio))
             .at_most(settings.max_dwell_ratio(), SetBy::recipe("path.max_dwell_ratio"))

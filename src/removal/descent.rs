@@ -1,4 +1,10 @@
-//! Bounded least squares with a sparse matrix, by coordinate descent.  Minimises   Σᵢ (Σⱼ aᵢⱼ xⱼ − yᵢ)² + μ Σⱼ hⱼ (xⱼ − ½ (xⱼ₋₁ + xⱼ₊₁))²,   low ≤ x ≤ high, with hⱼ = Σᵢ aᵢⱼ². Each step sets one x to the minimum along its axis, clipped to its bounds: the sum never increases, and reaches its minimum because it is convex. The second term keeps neighbours similar if the first term does not determine them. Source: Tseng, J. Optim. Theory Appl. 109, 2001.
+//! Bounded least squares with a sparse matrix, by coordinate descent.
+//!
+//! Minimises
+//!     Σᵢ (Σⱼ aᵢⱼ xⱼ − yᵢ)² + μ Σⱼ hⱼ (xⱼ − ½ (xⱼ₋₁ + xⱼ₊₁))²,   low ≤ x ≤ high, with hⱼ = Σᵢ aᵢⱼ².
+//! Each step sets one x to the minimum along its axis, clipped to its bounds: the sum never increases, and reaches its
+//! minimum because it is convex. The second term keeps neighbours similar if the first term does not determine them.
+//! Source: Tseng, J. Optim. Theory Appl. 109, 2001.
 
 /// A sparse matrix, stored by columns.
 #[derive(Debug, Clone, Default, PartialEq)]

@@ -210,11 +210,7 @@ impl Abraded {
             Check::new("poses reported on the way", "", walked.reports as f64),
             off_path,
             Check::new("way in contact", "mm", walked.contact_mm),
-            Check::new(
-                "time under the disc, 5 % quantile over the treated area",
-                "s",
-                spread.map(|spread| spread.low_s),
-            ),
+            Check::new("time under the disc, 5 % of the treated area", "s", spread.map(|spread| spread.low_s)),
             Check::new("time under the disc, 95 % of the treated area", "s", spread.map(|spread| spread.high_s)),
             longer,
         ]);

@@ -43,7 +43,7 @@ pub(super) fn knowledge(fit: &Fit) -> Vec<Check> {
                 )
             }),
         Check::new("error along the weakest direction, 95 %", "mm", fit.weakest_mm),
-        Check::new("distance between fits from independent starts", "mm", fit.agreement_mm)
+        Check::new("fits from independent starts, apart", "mm", fit.agreement_mm)
             .at_most(MAX_DISAGREEMENT_MM, SetBy::Program)
             .reviews("starts_disagree", || {
                 let [agreement, allowed] = apart(fit.agreement_mm, MAX_DISAGREEMENT_MM, 3);

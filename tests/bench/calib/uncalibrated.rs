@@ -28,7 +28,8 @@ const EXACT_PX: f64 = 0.005;
 /// Every corner of this number is used: the arm's errors are much larger than those of corners.
 const EVERY_CORNER: usize = 7;
 
-/// The share of mounts within the stated bound: above it the bound is wider than necessary; and how many times larger than the median error it may be.
+/// The share of mounts within the stated bound: above it the bound is wider than necessary; and how many times larger
+/// than the median error it may be.
 const HELD: std::ops::RangeInclusive<f64> = 0.90..=0.99;
 const MAX_STATED: f64 = 8.0;
 
