@@ -21,8 +21,8 @@ const BEYOND_MM: f64 = 1.5;
 /// sampled point than from the line by at most half of this.
 const STEP_MM: f64 = 0.5;
 
-/// Returns the taught pixels that the disc may touch on a plan's path, for every part of the plan that may be executed. A pixel of the
-/// panel without a scanned point counts as touched if the plan touches the panel at all.
+/// Returns the taught pixels that the disc may touch on a plan's path, for every part of the plan that may be executed.
+/// A pixel of the panel without a scanned point counts as touched if the plan touches the panel at all.
 pub fn taught_pixels(plan: &Plan, panel: &TaughtPanel, settings: &recipe::Path) -> Mask {
     let all: Vec<_> = plan.paths.iter().flat_map(|path| &path.waypoints).collect();
     let mut way: Vec<[f64; 3]> = Vec::new();

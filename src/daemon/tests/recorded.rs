@@ -7,6 +7,9 @@ use crate::cycle::State;
 use crate::tape::{Begin, Entries, Entry, Topic, check};
 use std::path::Path as File;
 
+/// Attempts of a test that runs by the wall clock.
+const MAX_ATTEMPTS: usize = 5;
+
 /// Serves this script, records its second order, and replays the recording; returns the recorded entries and the
 /// verdict.
 fn recorded(mut fake: Fake, script: impl FnOnce(Script, &Fake, &Fake) -> Script) -> (Vec<Entry>, Option<Verdict>) {
@@ -80,28 +83,30 @@ fn what_is_asked_meanwhile_is_replayed_too() {
 /// point. The cycle is stopped in the middle of its film.
 #[test]
 fn by_the_wall_clock_results_come_when_they_came() {
-    let mut fake = Fake::new(Scene::Clean);
-    fake.by_the_wall = true;
-    let mut looks = 0;
-    let films = move |state: &State| {
-        looks += u32::from(matches!(state.at, At::Execute(crate::cycle::Phase::Inspect)));
-        looks > 2 || matches!(state.at, At::Aborted { .. })
+    let stopped_in_the_film = || {
+        let mut fake = Fake::new(Scene::Clean);
+        fake.by_the_wall = true;
+        let mut looks = 0;
+        let films = move |state: &State| {
+            looks += u32::from(matches!(state.at, At::Execute(crate::cycle::Phase::Inspect)));
+            looks > 2 || matches!(state.at, At::Aborted { .. })
+        };
+        let (entries, verdict) = recorded(fake, |script, _, taped| {
+            script
+                .reset()
+                .start(taped)
+                .when(films, RequestKind::Table(cycle::Request::Stop))
+                .leave_when(|state| matches!(state.at, At::Stopped | At::Aborted { .. }) || complete(state))
+        });
+        assert_eq!(verdict, Some(Verdict::Aborted));
+        // While the scan was evaluated, the robot reported its state.
+        let scan = entries.iter().position(|entry| entry.said == "scan")?;
+        let located = entries.iter().skip(scan).position(|entry| entry.topic == Topic::Result)?;
+        Some(entries[scan..scan + located].iter().filter(|entry| entry.topic == Topic::Report).count())
     };
-    let (entries, verdict) = recorded(fake, |script, _, taped| {
-        script
-            .reset()
-            .start(taped)
-            .when(films, RequestKind::Table(cycle::Request::Stop))
-            .leave_when(|state| matches!(state.at, At::Stopped | At::Aborted { .. }) || complete(state))
-    });
-    assert_eq!(verdict, Some(Verdict::Aborted));
-    // While the scan was evaluated, the robot reported its state.
-    let results: Vec<usize> =
-        entries.iter().enumerate().filter(|(_, e)| e.topic == Topic::Result).map(|(i, _)| i).collect();
-    let scan = entries.iter().position(|entry| entry.said == "scan").expect("a scan");
-    let located = results.iter().find(|result| **result > scan).expect("it came");
-    let told = entries[scan..*located].iter().filter(|entry| entry.topic == Topic::Report).count();
-    assert!(told > 0, "{scan} {located}");
+    // On a machine with much other work the link's deadlines end the cycle before its scan is evaluated.
+    let reports = (0..MAX_ATTEMPTS).find_map(|_| stopped_in_the_film()).expect("a cycle that reaches its film");
+    assert!(reports > 0, "the robot did not report while the scan was evaluated");
 }
 
 /// The commands and reports of the compliant tool are part of the recording; with it the cycle gives the same
