@@ -164,10 +164,10 @@ pub enum Command {
     /// Calibrate lenses, camera mounts and tools, and report how good they are.
     Calibrate(super::calibrate::args::Calibrate),
     /// Learn a panel at its nominal place from a scan and corner pictures, or from its drawing.
-    #[command(after_help = "Examples, after `panelprep render --drawing --out target/cell`:\n  \
+    #[command(after_help = "Example, after `panelprep render --out target/cell`:\n  \
         panelprep teach --cell target/cell/cell.toml --recipe target/cell/recipe.toml --scan target/cell/taught_scan.pcd \
         --corner target/cell/taught_corner.png --flange target/cell/taught_flange.json --pictures target/cell/pictures\n  \
-        panelprep teach --cell target/cell/cell.toml --recipe target/cell/recipe_drawing.toml --nominal target/cell/drawing.stl \
+        From the drawing, after `panelprep render --drawing --out target/cell`, with these options instead: --recipe target/cell/recipe_drawing.toml --nominal target/cell/drawing.stl \
         --flange target/cell/taught_flange.json --pictures target/cell/pictures")]
     Teach(Teach),
     /// Take pictures and scans with the cell's cameras, outside of a cycle and without any calibration: for commissioning.
