@@ -35,13 +35,15 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     let args = &live_inputs::ready(args, &cell_files, drawn.as_ref().map(|drawn| &drawn.scan))?;
     let recipe = load::recipe(&args.recipe)?;
     let (scanner, base_from_camera) = (cell_files.scanner()?, cell_files.base_from_camera()?);
-    let scan = match (&drawn, &args.scan) {
-        (Some(drawn), _) => drawn.scan.clone(),
+    let (scan, scan_bytes) = match (&mut drawn, &args.scan) {
+        (Some(drawn), _) => (drawn.scan.clone(), std::mem::take(&mut drawn.scan_file)),
         // An unsuitable scan is refused with the file's name before anything is stored.
-        (None, Some(file)) => scanner.scan_errors.corrected(load::scan(file, &scanner.value)?),
+        (None, Some(file)) => {
+            (scanner.scan_errors.corrected(load::scan(file, &scanner.value)?), super::disk::read(file)?)
+        }
         (None, None) => return Err(TeachingFault::NoScan.into()),
     };
-    let teaching = given(args, &mut drawn, &cell_files, &recipe)?;
+    let teaching = given((args, scan_bytes), &mut drawn, &cell_files, &recipe)?;
     let name = |index: usize| {
         let file = args.corner.get(index).or_else(|| args.flange.get(index));
         file.map_or_else(|| format!("corner {}", index + 1), |file| file.display().to_string())
@@ -110,19 +112,14 @@ pub fn off_panel(panel: &TaughtPanel, recipe: &Recipe) -> Vec<OffPanel> {
     panel.region_off_panel(recipe.surface().max_hole_mm(), &recipe.inspect().masked_px())
 }
 
-/// Returns the given files in the form in which the store keeps them: those that the command names, or what the
-/// cameras see of the drawing, which is moved out of it.
+/// Returns the given files in the form in which the store keeps them: the bytes of the scan, and the corner pictures
+/// that the command names, or those that the flange camera sees of the drawing, which are moved out of it.
 fn given(
-    args: &Teach,
+    (args, scan): (&Teach, Vec<u8>),
     drawn: &mut Option<Drawn>,
     cell_files: &CellFiles,
     recipe: &Recipe,
 ) -> Result<Teaching, Fault> {
-    let scan = match (drawn.as_mut(), &args.scan) {
-        (Some(drawn), _) => std::mem::take(&mut drawn.scan_file),
-        (None, Some(file)) => super::disk::read(file)?,
-        (None, None) => return Err(TeachingFault::NoScan.into()),
-    };
     let mut teaching = Teaching {
         name: recipe.panel().to_owned(),
         scan,

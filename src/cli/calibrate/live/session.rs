@@ -143,13 +143,16 @@ impl<'a> Session<'a> {
     /// # Errors
     /// If writing to the disk fails.
     pub fn keep(&mut self, taken: &Taken, flange: Option<&ReportedFlange>) -> Result<bool, Fault> {
+        let of_scan;
         let (ending, bytes, picture) = match taken {
             Taken::Picture(picture) => {
-                (ENDINGS[0], files::write_color_png(picture).map_err(Fault::stage)?, picture.clone())
+                (ENDINGS[0], files::write_color_png(picture).map_err(Fault::stage)?, picture)
             }
-            Taken::Scan(cloud) => (ENDINGS[1], files::write_pcd(cloud), cloud.picture()),
+            Taken::Scan(cloud) => {
+                of_scan = cloud.picture();
+                (ENDINGS[1], files::write_pcd(cloud), &of_scan)
+            }
         };
-        let picture = &picture;
         let file = self.named(self.taken() + 1, ending);
         disk::write(&file, bytes)?;
         let name = file.file_name().map_or(String::new(), |name| name.to_string_lossy().into_owned());

@@ -21,8 +21,10 @@ pub enum View {
     Scans(Box<dyn Scanner>),
     /// The camera on the flange.
     Flange(Box<dyn FlangeCamera>),
-    /// A simulated one; its pictures are 3D shots if the flag is true.
-    Boards(SimulatedBoards, bool),
+    /// A simulated one.
+    Boards(SimulatedBoards),
+    /// A simulated one, with its 3D shot.
+    BoardScans(SimulatedBoards),
 }
 
 impl View {
@@ -61,7 +63,7 @@ impl View {
         arm: Option<MockHandle>,
     ) -> Result<Self, Fault> {
         let boards = SimulatedBoards::new(board_cell((view, board), (args, lens))?, view, arm);
-        Ok(View::Boards(boards, view == BoardView::Fixed))
+        Ok(if view == BoardView::Fixed { View::BoardScans(boards) } else { View::Boards(boards) })
     }
 
     /// Takes a picture or a 3D shot; returns it with the flange's pose if the camera's source knows it.
@@ -76,11 +78,11 @@ impl View {
                 let taken = camera.capture().map_err(Fault::stage)?;
                 (Taken::Picture(taken.picture), taken.base_from_flange)
             }
-            View::Boards(camera, true) => {
+            View::BoardScans(camera) => {
                 let (cloud, flange) = camera.scan().map_err(Fault::stage)?;
                 (Taken::Scan(cloud), Some(flange))
             }
-            View::Boards(camera, false) => {
+            View::Boards(camera) => {
                 let (picture, flange) = camera.capture().map_err(Fault::stage)?;
                 (Taken::Picture(picture), flange)
             }
