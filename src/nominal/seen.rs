@@ -20,6 +20,8 @@ const SQUARE_GRAY: f64 = 95.0;
 const SHADING_GRAY: f64 = 25.0;
 /// Brightness beside the part.
 const BESIDE_GRAY: u8 = 225;
+/// Margin that is added to a window whose rim shows the part, px.
+const GROW_PX: usize = 16;
 /// A surface that is seen at a smaller cosine counts as facing away: no camera measures it.
 const MIN_FACING: f64 = 0.1;
 /// A triangle's middle this far behind the surface that its ray meets is hidden, as a share of its depth.
@@ -59,12 +61,15 @@ impl Seen {
     /// # Errors
     /// If the lens has no ray for a pixel that may show the part.
     pub fn look<C: Frame>(rays: &Rays<C>, camera: &PinholeCamera) -> Result<Option<Seen>, NominalError> {
-        let window = window(rays, camera);
-        let seen = Seen::look_in(rays, camera, window.clone())?;
-        // A long straight edge is bent by the lens and may leave the box of its projected ends.
-        match &seen {
-            Some(part) if part.reaches_window() => Seen::look_in(rays, camera, everything(camera)),
-            _ => Ok(seen),
+        let mut window = window(rays, camera);
+        loop {
+            let seen = Seen::look_in(rays, camera, window.clone())?;
+            // A long straight edge is bent by the lens and may leave the box of its projected ends. The window grows
+            // step by step, since a lens may have no ray far beside the part.
+            match &seen {
+                Some(part) if part.reaches_window() => window = grown(&window, camera),
+                _ => return Ok(seen),
+            }
         }
     }
 
@@ -181,6 +186,13 @@ impl Seen {
 fn mixed(part_gray: f64, beside_gray: u8, covered: f32) -> u8 {
     let beside = f64::from(beside_gray);
     (beside + f64::from(covered) * (part_gray - beside)).round().clamp(0.0, 255.0) as u8
+}
+
+/// Returns the window with a wider margin, within the picture.
+fn grown((columns, rows): &(Range<usize>, Range<usize>), camera: &PinholeCamera) -> (Range<usize>, Range<usize>) {
+    let grow =
+        |range: &Range<usize>, size: usize| range.start.saturating_sub(GROW_PX)..(range.end + GROW_PX).min(size);
+    (grow(columns, camera.width_px), grow(rows, camera.height_px))
 }
 
 /// Returns all columns and rows of the picture.
