@@ -14,8 +14,9 @@ const GAP_MM: f64 = 0.5;
 pub const HARMLESS_GAP_MM: f64 = 0.05;
 /// Cosine of the largest angle between two borders of a gap.
 const MIN_PARALLEL: f64 = 0.97;
-/// Faces at a larger angle meet at an edge of the panel, rad; at a smaller one they approximate a curved surface.
-const SMOOTH_RAD: f64 = 0.2;
+/// Faces at a larger angle meet at an edge of the panel, rad; at a smaller one they approximate a curved surface. A
+/// real edge of a smaller angle counts as coarse triangles, which a person reviews.
+const SMOOTH_RAD: f64 = 0.5;
 
 /// The edges of a part.
 pub struct Edges {

@@ -171,6 +171,11 @@ fn what_is_not_one_surface_is_refused() {
     assert_eq!(good.borders.len(), 4 * 60 + 4 * 10);
     // By hand: over 1 mm, x²/200 rises by 1/800 mm above its chord.
     assert!((good.facet_error_mm * 800.0 - 1.0).abs() < 0.1, "{}", good.facet_error_mm);
+    // By hand: facets of 1 mm that turn by 12° deviate by 0.2094 · 1 / 8 mm; an angle of 45° is an edge of the panel.
+    let folded =
+        |slope: f64| crossing(sheet(60, |x, _| slope * x.max(0.0), hole)).map(|edges| edges.facet_error_mm);
+    let [coarse_mm, edge_mm] = [0.212_56, 1.0].map(|slope| folded(slope).unwrap_or_else(|error| panic!("{error}")));
+    assert!((coarse_mm - 0.026_2).abs() < 1e-3 && edge_mm < 1e-6, "{coarse_mm} {edge_mm}");
     assert_eq!(crossing(block([10.0; 3])).expect("closed").borders.len(), 0);
 
     let mut twice = block([10.0; 3]);

@@ -137,7 +137,8 @@ impl Drawn {
             let [found, limit] = apart(self.facet_error_mm, MAX_FACETS_MM, 3);
             format!(
                 "where its surface is curved, the drawing's triangles deviate from it by about {found} mm (limit {limit} mm): the \
-                 deviation of the panel would be that of the triangles; export the drawing with a deviation of 0.01 mm"
+                 deviation of the panel would be that of the triangles; export the drawing with a deviation of 0.01 mm, unless this is an \
+                 edge of the panel of less than 29°"
             )
         };
         let is_cut = outside > MAX_OUTSIDE || self.reaches_rim;
