@@ -171,21 +171,32 @@ fn other_order(drawn: &[[f64; 3]], measured: &[[f64; 3]]) -> Option<Vec<usize>> 
         };
         nearest_motion(&pairs).is_some_and(|motion| off_mm(motion) <= MAX_RESIDUAL_MM)
     };
-    let mut orders = vec![own.clone()];
-    for position in 0..own.len() {
-        let exchanges = |order: &Vec<usize>| {
-            let order = order.clone();
-            (position..order.len()).map(move |other| {
-                let mut exchanged = order.clone();
-                exchanged.swap(position, other);
-                exchanged
-            })
-        };
-        let starts = if own.len() <= ALL_ORDERS { orders.clone() } else { vec![own.clone()] };
-        let more: Vec<Vec<usize>> = starts.iter().flat_map(exchanges).collect();
-        if own.len() <= ALL_ORDERS { orders = more } else { orders.extend(more) }
-    }
+    let orders = if own.len() <= ALL_ORDERS { all_orders(own.len()) } else { exchanges(&own) };
     orders.into_iter().find(|order| *order != own && fits(order))
+}
+
+/// Returns all orders of this number of points: the last one is put at each position of the orders of the others.
+fn all_orders(count: usize) -> Vec<Vec<usize>> {
+    let Some(last) = count.checked_sub(1) else { return vec![vec![]] };
+    let with_last = |order: Vec<usize>| {
+        (0..count).map(move |position| {
+            let mut order = order.clone();
+            order.insert(position, last);
+            order
+        })
+    };
+    all_orders(last).into_iter().flat_map(with_last).collect()
+}
+
+/// Returns the orders in which two points are exchanged.
+fn exchanges(own: &[usize]) -> Vec<Vec<usize>> {
+    let pairs = (0..own.len()).flat_map(|one| (0..one).map(move |other| (one, other)));
+    let exchanged = |(one, other)| {
+        let mut order = own.to_vec();
+        order.swap(one, other);
+        order
+    };
+    pairs.map(exchanged).collect()
 }
 
 /// Returns how far the farthest point lies from the line through the two points that are farthest apart, mm.
