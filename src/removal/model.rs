@@ -37,7 +37,7 @@ pub struct Model {
     pub covariance: Matrix2<f64>,
     /// σ_r.
     pub coupon_deviation: f64,
-    /// σ_d; 0 if the coupons do not show it.
+    /// σ_d; [`UNKNOWN_DISC_DEVIATION`] if the coupons do not show it.
     pub disc_deviation: f64,
     /// Effective degrees of freedom with which σ_r and σ_d are known.
     pub redundancy: f64,
@@ -55,6 +55,8 @@ pub struct Model {
 pub const FORCE_RANGE: f64 = LEVELS;
 /// Other coupons are valid for forces this factor beyond their own.
 const FORCE_NEAR: f64 = 1.15;
+/// Scatter from disc to disc if the coupons do not show it: the largest one that needs no review if it is measured.
+pub(super) const UNKNOWN_DISC_DEVIATION: f64 = 0.10;
 /// An exponent of the force that the coupons do not determine may differ by this much from 1.
 const UNKNOWN_POWER_OFF: f64 = 0.5;
 
@@ -62,9 +64,9 @@ impl From<&RemovalNumbers> for Model {
     fn from(found: &RemovalNumbers) -> Self {
         let deviations = [found.preston_deviation_percent() / 100.0, found.wear_deviation_per_m2() / MM2_PER_M2];
         let (coupons, discs) = (found.coupons().saturating_sub(FITTED).max(1) as f64, found.discs() as f64);
-        let [coupon, disc] = [Some(found.coupon_deviation_percent()), found.disc_deviation_percent()]
-            .map(|percent| percent.unwrap_or(0.0) / 100.0);
-        let [of_coupon, of_disc] = [coupon, disc].map(|deviation| deviation.powi(2));
+        let coupon = found.coupon_deviation_percent() / 100.0;
+        let disc = found.disc_deviation_percent().map(|percent| percent / 100.0);
+        let [of_coupon, of_disc] = [coupon, disc.unwrap_or(0.0)].map(|deviation| deviation.powi(2));
         let known = of_coupon.powi(2) / (coupons - discs).max(1.0) + of_disc.powi(2) / (discs - 1.0).max(1.0);
         let across = found.correlation() * deviations[0] * deviations[1];
         Model {
@@ -72,7 +74,8 @@ impl From<&RemovalNumbers> for Model {
             decay_per_mm2: found.wear_per_m2() / MM2_PER_M2,
             covariance: Matrix2::new(deviations[0].powi(2), across, across, deviations[1].powi(2)),
             coupon_deviation: coupon,
-            disc_deviation: disc,
+            // What was not measured counts as bad as it may be, and not as zero.
+            disc_deviation: disc.unwrap_or(UNKNOWN_DISC_DEVIATION),
             // Satterthwaite: the degrees of freedom of a sum of two variances.
             redundancy: if known > 0.0 { ((of_coupon + of_disc).powi(2) / known).min(coupons) } else { coupons },
             orbit: Orbit { diameter_mm: found.orbit_mm(), speed_rev_min: found.orbit_rev_min() },
@@ -159,6 +162,24 @@ pub(crate) mod tests {
         force_power: Some(Power { value: 1.0, uncertainty: 0.0 }),
         ..MODEL
     };
+
+    /// A calibration that does not state the scatter from disc to disc has that of discs which differ by 10 %.
+    #[test]
+    fn discs_whose_scatter_is_not_known_may_differ() {
+        let numbers = |disc: &str| {
+            let text = format!(
+                "[removal]\npreston_mm2_per_n = 4e-4\npreston_deviation_percent = 2\nwear_per_m2 = 0.8\n\
+                 wear_deviation_per_m2 = 0.1\ncorrelation = 0\ncoupon_deviation_percent = 3\nleft_out_percent = 3\n\
+                 coupons = 12\npad_n_mm3 = 0.05\norbit_mm = 5\norbit_rev_min = 10000\n{disc}"
+            );
+            crate::cell::RemovalCalibration::check("f", &text)
+                .unwrap_or_else(|problems| panic!("{problems}"))
+                .numbers
+        };
+        let model = |disc: &str| Model::from(&numbers(disc));
+        assert!((model("").disc_deviation - 0.10).abs() < 1e-12 && model("").redundancy >= 10.0);
+        assert!((model("discs = 4\ndisc_deviation_percent = 2.5\n").disc_deviation - 0.025).abs() < 1e-12);
+    }
 
     /// Calculated by hand: forces of 15 and 30 N are valid from 15 / 1.5 = 10 N to 45 N, one force of 20 N from
     /// 17.4 N to 23 N.
