@@ -66,7 +66,7 @@ impl Watch {
             window: self.footprint.window(),
             inside: &inside,
             broke_s: &since_wet_s,
-            disc_px: (self.footprint.pixels_of(MIN_DISC_MM2) as f64 / PI).sqrt().floor() as usize,
+            disc_px: self.smallest_disc_px(),
             break_to_film: break_to_film(&self.model),
         };
         let without = sanded.without_evidence()?;
@@ -114,6 +114,11 @@ impl Watch {
             since_wet_s,
             not_seen,
         })
+    }
+
+    /// Returns the radius of the smallest sanding disc in the picture, px.
+    pub(super) fn smallest_disc_px(&self) -> usize {
+        (self.footprint.pixels_of(MIN_DISC_MM2) as f64 / PI).sqrt().floor() as usize
     }
 
     fn settled(&self, broke_s: Vec<f32>, inside: &[bool]) -> Settled {

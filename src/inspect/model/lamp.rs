@@ -251,6 +251,18 @@ mod tests {
         assert_eq!(none, Lit::UNKNOWN, "nothing lies around the panel");
     }
 
+    /// By hand: of 40 rows, 35 and a margin of 3 belong to the window. Two rows of 25 px are fewer than 60 places, and
+    /// two rows of 35 px are enough.
+    #[test]
+    fn few_places_show_no_light() {
+        let light = |width: usize| {
+            let window = Window { left: 0, top: 5, width, height: 35 };
+            let mut lamp = Lamp::around(&window, &ColorPicture::filled(width, 40, [100; 3]));
+            lamp.at(&ColorPicture::filled(width, 40, [90; 3])).sure()
+        };
+        assert!(light(25).is_none() && light(35).is_some(), "{:?} {:?}", light(25), light(35));
+    }
+
     /// By hand: surroundings of 100 levels that become 180 are 1.8 times as bright; those of 190 saturate, so that
     /// they are at least 1.34 times as bright.
     #[test]

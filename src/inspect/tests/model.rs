@@ -74,6 +74,13 @@ fn a_film_that_goes_all_at_once_is_no_light() {
     assert_eq!(shown(72), Verdict::Pass);
 }
 
+/// By hand: a disc of 25 mm has an area of 490.9 mm², 122 px of 4 mm², and a radius of 6.2 px. With a smaller disc
+/// fewer places would be too narrow for it.
+#[test]
+fn the_smallest_disc_is_25_mm_wide() {
+    assert_eq!(watch(0.0, FILM).smallest_disc_px(), 6);
+}
+
 #[test]
 fn a_camera_that_stands_still_or_no_dry_picture_is_no_test() {
     let mut still = watch(0.0, FILM);
