@@ -255,12 +255,12 @@ mod tests {
         fs::copy(folder.path().join(OWN), trusted.join("line.crt")).expect("copied");
         fs::write(trusted.join("notes.txt"), "ask Ada").expect("written");
         let mut seen = Trusted::default();
-        let mut told = seen.name_new_ones(folder.path());
-        told.sort();
-        let [line, notes] = &told[..] else { panic!("{told:?}") };
+        let mut results = seen.name_new_ones(folder.path());
+        results.sort();
+        let [line, notes] = &results[..] else { panic!("{results:?}") };
         assert!(
             line.contains("line.crt is trusted, and called ")
-                && notes.contains("notes.txt: it is not a certificate")
+                && notes.contains("notes.txt: this is not a certificate")
         );
         let certificate = CertificateStore::read_cert(&folder.path().join(OWN)).expect("a certificate");
         let named = trusted.join(CertificateStore::cert_file_name(&certificate));
