@@ -67,6 +67,7 @@ impl Watch {
             inside: &inside,
             broke_s: &since_wet_s,
             disc_px: self.smallest_disc_px(),
+            break_px: self.footprint.pixels_of(self.demands.min_break_mm2),
             break_to_film: break_to_film(&self.model),
         };
         let without = sanded.without_evidence()?;

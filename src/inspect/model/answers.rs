@@ -113,7 +113,8 @@ impl Model {
     }
 
     /// Returns whether the pixel showed film or a bare place for half of the time, and near the end, and did not
-    /// change to a look that is neither.
+    /// change to a look that is neither. It did not keep a look between film and bare until the end for as long as a
+    /// bare place must be seen, since such a film may break next.
     pub fn saw(&self, index: usize) -> bool {
         let (block, at) = self.at(index);
         let (past, state) = (&self.past[block], self.state(index));
@@ -125,8 +126,23 @@ impl Model {
         state & INSIDE > 0
             && state & (EVER_WET | BROKE) > 0
             && state & STEPPED == 0
+            && !self.ends_between(index)
             && unseen_s <= MAX_UNSEEN_SHARE * last_s
             && (is_calm || last_s - seen_s <= MOVES_ON_S)
+    }
+
+    /// Returns whether the pixel's last look is a steady one between film and bare, for as long as a bare place must
+    /// be seen to count as broken.
+    fn ends_between(&self, index: usize) -> bool {
+        let (block, at) = self.at(index);
+        let past = &self.past[block];
+        let [.., before_s, last_s] = *self.times_s else { return false };
+        // A steady look counts as lasting one step longer than its pictures, like a bare one.
+        let away_s = f64::from(past.away[at]) / TICKS_PER_SECOND + f64::from(last_s - before_s);
+        // A block that is not busy shows film in the last picture, which its pixels' times do not state.
+        let is_busy = self.state(index) & super::kernel::BUSY > 0;
+        let shows_neither = is_busy && usize::from(past.seen_at[at]) + 1 < self.times_s.len();
+        shows_neither && past.away[at] > 0 && away_s >= self.terms.persist_s
     }
 
     /// Returns whether the pixel was seen wet in a picture.

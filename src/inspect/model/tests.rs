@@ -77,6 +77,20 @@ fn a_place_that_stays_between_film_and_bare_is_not_seen() {
     assert!(seen(2.0) && !seen(5.0));
 }
 
+/// By hand: 74 levels are between film and bare, and `persist_s` is 0.6 s. A place that has this look in the last
+/// 2 s, or in the last four pictures, is not passed; one that has it in the last two pictures, for 0.4 s, is.
+#[test]
+fn a_place_that_ends_between_film_and_bare_is_not_seen() {
+    let seen = |pictures: u32| {
+        let mut model = model(&[], TERMS);
+        let times_s = (0..60).map(|picture| 0.2 * f64::from(picture));
+        let from_s = 0.2 * f64::from(60 - pictures) - 0.1;
+        assert_eq!(show(&mut model, times_s, |time_s| if time_s < from_s { 60 } else { 74 }), 0, "it is not bare");
+        model.saw(35 * SIDE + 35)
+    };
+    assert_eq!([2, 4, 10].map(seen), [true, false, false]);
+}
+
 /// By hand, for a film at 60 of 100 levels: half of the change by a break is (80/60 − 1)/2 = 1/6 of the look. This
 /// is 10 levels, up or down. A bare place cannot be brighter than (1/0.6)^1.3 · 9/8 = 2.186 times its film, 131
 /// levels.
