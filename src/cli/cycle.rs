@@ -161,6 +161,9 @@ pub fn one(
     store.recover().map_err(Fault::stage)?;
 
     let mut live = start(&files.cell, &calibrated.values, simulation)?;
+    if let Some(line) = live.robot.stop_line() {
+        interrupts.stops_by(line);
+    }
     live.cameras.scanner.warm();
     if let Some(world) = &live.world {
         world.mount_disc(taught_recipe.recipe.path().disc_diameter_mm());

@@ -5,6 +5,12 @@ use crate::disk;
 use crate::record::{RequestSource, Who};
 use std::os::fd::AsFd;
 use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::time::timeout;
+
+/// Looks up the name for a user's number. It may wait for the disk.
+pub(super) type NameLookup = dyn Fn(u32) -> Option<String> + Send + Sync;
 
 /// The user at the other end of this connection to the service's socket, still without a name.
 pub(super) fn socket_peer(connection: impl AsFd) -> Who {
@@ -25,6 +31,14 @@ pub(super) fn named(who: Who) -> Who {
     }
 }
 
+/// Returns the same user with the name that the lookup gives. It runs on a separate thread: a disk that hangs must not
+/// delay the request of any user. After the time limit, the user has no name and is known by the number alone.
+pub(super) async fn named_within(who: Who, lookup: Arc<NameLookup>, limit: Duration) -> Who {
+    let Some(uid) = who.uid else { return who };
+    let found = timeout(limit, tokio::task::spawn_blocking(move || lookup(uid))).await;
+    Who { user: found.ok().and_then(Result::ok).flatten(), ..who }
+}
+
 /// Formats a user for a line of the log: `anna (uid 1001)`.
 pub(super) fn in_log(who: &Who) -> String {
     match (&who.user, who.uid) {
@@ -36,7 +50,7 @@ pub(super) fn in_log(who: &Who) -> String {
 }
 
 /// The name for a number in the list of users. A directory service is not queried, since it may hang.
-fn name(uid: u32) -> Option<String> {
+pub(super) fn name(uid: u32) -> Option<String> {
     let list = disk::read(Path::new("/etc/passwd")).ok()?;
     name_in(&String::from_utf8_lossy(&list), uid)
 }

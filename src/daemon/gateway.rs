@@ -1,6 +1,6 @@
 //! The service as its fronts see it: a front passes on a request and its origin, and waits for one reply.
 
-use super::caller;
+use super::caller::{self, NameLookup};
 use super::camera_lease::SharedCameras;
 use super::operator_texts;
 use super::reply::{Exit, Reply};
@@ -15,6 +15,10 @@ use tokio::time::timeout;
 
 /// Time limit for the loop's reply; a longer time means that the loop is faulty.
 const REPLY_TIMEOUT: Duration = Duration::from_secs(5);
+/// Time limit for the name of the user who requests something. A stop goes to the robot when it enters the queue, so
+/// it waits for its name only as long as an intact disk needs.
+const NAME_TIMEOUT: Duration = Duration::from_secs(1);
+const NAME_TIMEOUT_OF_STOP: Duration = Duration::from_millis(20);
 
 /// Reads and checks the files of a requested cycle, or returns why the cycle cannot begin.
 pub type Loader = dyn Fn(StartRequest) -> Result<PreparedCycle, Vec<Reason>> + Send + Sync;
@@ -26,25 +30,28 @@ pub struct Gateway {
     loader: Arc<Loader>,
     /// The service's cameras, after they are opened.
     pub(super) cameras: Option<SharedCameras>,
+    /// Gives the names of users.
+    names: Arc<NameLookup>,
 }
 
 impl Gateway {
     /// Creates a gateway. Requests go to this queue, this loader prepares starts, and these cameras are lent while
     /// the cell rests.
     pub fn new(queue: RequestSender, loader: Arc<Loader>, cameras: Option<SharedCameras>) -> Self {
-        Gateway { queue, loader, cameras }
+        Gateway { queue, loader, cameras, names: Arc::new(caller::name) }
     }
 
     /// Passes on a request and returns the reply. It runs on a runtime of tokio that has a blocking thread for the
     /// loader.
     pub async fn request(&self, what: RequestKind, who: Who) -> Reply {
+        let limit = if what.is_urgent() { NAME_TIMEOUT_OF_STOP } else { NAME_TIMEOUT };
         let (what, who) = match what {
             // The user's name is not looked up here: the state is requested many times a second, and the name is read
             // from a file.
             RequestKind::State => (RequestKind::State, who),
             // The files are read here and not in the loop, which must answer the robot while the disk is slow.
             RequestKind::Start(start) => {
-                let (recipe, who) = (start.recipe.clone(), caller::named(who));
+                let (recipe, who) = (start.recipe.clone(), self.named(who, limit).await);
                 match self.prepare(start).await {
                     Ok(prepared) => (RequestKind::Begin(Box::new(prepared)), who),
                     Err(refused) => {
@@ -66,7 +73,7 @@ impl Gateway {
             RequestKind::Table(request) if request.is_decision() => {
                 return Reply::refused(Exit::Refused, vec![operator_texts::no_step(request)]);
             }
-            what => (what, caller::named(who)),
+            what => (what, self.named(who, limit).await),
         };
         let in_log = (!matches!(what, RequestKind::State)).then(|| (what.words(), caller::in_log(&who)));
         let (reply, answer) = oneshot::channel();
@@ -86,6 +93,10 @@ impl Gateway {
         }
     }
 
+    async fn named(&self, who: Who, limit: Duration) -> Who {
+        caller::named_within(who, self.names.clone(), limit).await
+    }
+
     /// Reads the files that a cycle needs, on a separate thread, because the disk may be slow.
     async fn prepare(&self, start: StartRequest) -> Result<PreparedCycle, Reply> {
         let loader = self.loader.clone();
@@ -96,5 +107,37 @@ impl Gateway {
                 Err(Reply::refused(Exit::Fault, vec![Reason::new("fault", message)]))
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::request_queue::request_queue;
+    use super::*;
+    use crate::cycle;
+    use crate::record::RequestSource;
+
+    /// The list of users lies on a disk that hangs: a stop is in the queue, and so at the robot, within 100 ms, with
+    /// the user's number instead of a name. If the disk answers, the stop has the name.
+    #[test]
+    fn a_stop_does_not_wait_for_the_disk_with_the_names() {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build().expect("a runtime");
+        let named = |names: Arc<NameLookup>| {
+            let (sender, queue) = request_queue();
+            let gateway = Gateway { names, ..Gateway::new(sender, Arc::new(|_| Err(vec![])), None) };
+            let who = Who { front: RequestSource::Socket, uid: Some(1_001), user: None };
+            let answered = gateway.request(RequestKind::Table(cycle::Request::Stop), who);
+            let asked = runtime.block_on(async {
+                let taken = tokio::task::spawn_blocking(move || queue.next(Duration::from_millis(100)));
+                tokio::join!(timeout(Duration::from_millis(200), answered), taken).1.expect("no panic")
+            });
+            asked.expect("the stop is in the queue").who.user
+        };
+        assert_eq!(named(Arc::new(|uid| Some(format!("user {uid}")))), Some("user 1001".to_owned()));
+        let (disk, hangs) = std::sync::mpsc::channel::<()>();
+        let hangs = std::sync::Mutex::new(hangs);
+        assert_eq!(named(Arc::new(move |_| hangs.lock().ok()?.recv().ok().map(|()| String::new()))), None);
+        // The waiting thread ends with its channel, and the runtime can end.
+        drop(disk);
     }
 }

@@ -14,7 +14,7 @@ use crate::geometry::{Base, Flange, Joints, Panel, Rigid, Tool};
 use crate::number_text::apart;
 use crate::panel::panel_from_base_at_teaching;
 use crate::path::reach::{self, Infeasibility, Obstacles};
-use crate::path::routes::{self, Gated, LinearMotion, PathSpeed, StartState};
+use crate::path::routes::{self, Gated, LinearMotion, PathSpeed, Sander, StartState};
 use crate::path::trace::Trace;
 use crate::path::{Kinematics, judge_joints, taught_axis};
 use crate::record::{Finding, Kind};
@@ -30,6 +30,15 @@ const AXIS_DEVIATION_DEG: f64 = 0.1;
 
 /// Speed and acceleration of the axes between named poses, % of their maximum.
 const AXIS_PERCENT: u8 = 20;
+
+/// The start of a motion of all axes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum AxisMotionStart {
+    /// Any place: the configured distances from obstacles hold.
+    Anywhere,
+    /// The end of a checked path, which may be nearer to the panel.
+    PathEnd,
+}
 
 impl Running<'_> {
     pub(super) fn begin_move(&mut self, id: Id, motion: Motion) -> Result<(), DaemonError> {
@@ -60,8 +69,8 @@ impl Running<'_> {
         if let (Path::Corner { .. }, Some(ready), Some(tip)) = (motion.path, self.cell.ready, tip)
             && self.cell.limits.workspace().is_some_and(|workspace| !workspace.holds(tip.origin()))
         {
-            let tool = self.robot_state.map(|state| state.flange_from_tool.to_rigid());
-            if !self.joints_are_good(&[ready], (tool, self.perception.obstacles().cloned()))? {
+            let obstacles = self.perception.obstacles().cloned();
+            if !self.joints_are_good(&[ready], AxisMotionStart::Anywhere, obstacles)? {
                 self.answer(id, Answer::Failed(Trouble::Gate));
                 return Ok(());
             }
@@ -110,16 +119,17 @@ impl Running<'_> {
     fn joints_are_good(
         &mut self,
         poses: &[Joints],
-        (tool, obstacles): (Option<Rigid<Flange, Tool>>, Option<Arc<Obstacles>>),
+        start: AxisMotionStart,
+        obstacles: Option<Arc<Obstacles>>,
     ) -> Result<bool, DaemonError> {
         let mut reasons: Vec<Reason> = poses.iter().flat_map(|pose| judge_joints(pose).reasons).collect();
-        match (self.robot_state, tool) {
-            (Some(state), Some(tool)) if reasons.is_empty() => {
-                let met = self.met_on_the_way(&state.joints, poses, (tool, obstacles));
+        match self.robot_state {
+            Some(state) if reasons.is_empty() => {
+                let met = self.met_on_the_way(&state, poses, start, obstacles);
                 reasons.extend(met.map(|met| Reason::new("out_of_reach", format!("on the way there {met}"))));
             }
-            (Some(_), Some(_)) => {}
-            _ => reasons.push(Reason::new("no_route", "the arm's pose is not known")),
+            Some(_) => {}
+            None => reasons.push(Reason::new("no_route", "the arm's pose is not known")),
         }
         let good = reasons.is_empty();
         if !good {
@@ -128,27 +138,44 @@ impl Running<'_> {
         Ok(good)
     }
 
-    /// Returns the first infeasibility on the path of the axes from there to these poses, one after the other.
+    /// Returns the first infeasibility on the path of the axes from the reported ones to these poses, one after the
+    /// other.
     fn met_on_the_way(
         &self,
-        from: &Joints,
+        state: &State,
         poses: &[Joints],
-        (tool, obstacles): (Rigid<Flange, Tool>, Option<Arc<Obstacles>>),
+        start: AxisMotionStart,
+        obstacles: Option<Arc<Obstacles>>,
     ) -> Option<Infeasibility> {
         let arm = Kinematics::new(&self.cell.arm);
         let arm = match obstacles {
             Some(obstacles) => arm.beside(obstacles),
             None => arm,
         };
-        let mut ways = std::iter::once(from).chain(poses).zip(poses);
-        ways.find_map(|(from, to)| reach::joint_motion(&arm, tool, from, to).err())
+        self.mounted(state).into_iter().find_map(|(flange_from_tip, radius_mm)| {
+            let arm = arm.clone().with_tool_radius(radius_mm);
+            let departing = match start {
+                AxisMotionStart::PathEnd => arm.clone().departing(&state.joints, flange_from_tip),
+                AxisMotionStart::Anywhere => Some(arm.clone()),
+            };
+            let Some(departing) = departing else { return Some(Infeasibility::NotFinite) };
+            let ways = std::iter::once((&departing, &state.joints)).chain(poses.iter().map(|pose| (&arm, pose)));
+            ways.zip(poses).find_map(|((arm, from), to)| reach::joint_motion(arm, flange_from_tip, from, to).err())
+        })
+    }
+
+    /// Returns the tips of the objects on the flange, each with the radius of its body, mm. These are the sander and
+    /// the camera of the cell, and not the active tool: after a start the controller may have any tool. Without a cycle
+    /// only the active tool is known.
+    fn mounted(&self, state: &State) -> Vec<(Rigid<Flange, Tool>, f64)> {
+        let Some(cycle) = &self.cycle else { return vec![(state.flange_from_tool.to_rigid(), 0.0)] };
+        let disc_mm = cycle.recipe.path().disc_diameter_mm();
+        let camera = Rigid::claim(*cycle.calibrations.flange_from_camera.isometry());
+        vec![(cycle.calibrations.flange_from_tool, 0.5 * disc_mm), (camera, 0.0)]
     }
 
     fn by_axes(&mut self, id: Id, motion: Motion, poses: &[Joints]) -> Result<(), DaemonError> {
-        let tool = self.robot_state.map(|state| state.flange_from_tool.to_rigid());
-        // At the end of a path, the arm may be nearer to obstacles than is permitted for other motions. The motion to
-        // home may begin there.
-        if !self.leaves_an_unknown_place(poses)? || !self.joints_are_good(poses, (tool, None))? {
+        if !self.leaves_clear_of_the_panel(poses)? {
             self.answer(id, Answer::Failed(Trouble::Gate));
             return Ok(());
         }
@@ -161,28 +188,43 @@ impl Running<'_> {
         self.under_way(id, motion, sent, (1, end))
     }
 
-    /// Checks the motion from an unknown position. After a stop, an abort or a start of the program the arm may be
-    /// anywhere, and the tool may be at the panel. The axes move from there only if the whole motion is clear of the
-    /// panel with the cell's own tool; otherwise a person must move the arm away.
-    fn leaves_an_unknown_place(&mut self, poses: &[Joints]) -> Result<bool, DaemonError> {
+    /// Checks the motion to the park pose, with the panel as an obstacle. At the end of a path of this program the arm
+    /// may be nearer to the panel than is permitted elsewhere, and must not come nearer. Elsewhere, after a stop, an
+    /// abort or a start of the program, the arm may be anywhere, and the tool may be at the panel: the axes move only
+    /// if the whole motion keeps the configured distances; otherwise a person must move the arm away.
+    fn leaves_clear_of_the_panel(&mut self, poses: &[Joints]) -> Result<bool, DaemonError> {
         let state = self.robot_state;
         // A person may have jogged the arm since the end of the path: the axes show whether it is still there.
         let is_there =
             |pose: &Joints| state.is_some_and(|state| state.joints.farthest_deg(pose) <= AXIS_DEVIATION_DEG);
-        if self.stood.iter().chain(poses).any(is_there) {
-            return Ok(true);
+        let is_known = self.stood.iter().chain(poses).any(is_there);
+        match (state, self.cycle.clone()) {
+            (Some(_), Some(cycle)) if is_known => {
+                let obstacles = self.obstacles_at_rest(&cycle);
+                self.joints_are_good(poses, AxisMotionStart::PathEnd, Some(obstacles))
+            }
+            // Before the first cycle no path of this program led to a panel.
+            (_, None) if is_known => self.joints_are_good(poses, AxisMotionStart::Anywhere, None),
+            (Some(state), Some(cycle)) => self.leaves_an_unknown_place(&state, &cycle, poses),
+            _ => {
+                let message = "the arm's pose or the panel's position is not known; move the arm to the park pose \
+                               with `panelprep robot move-j park` while a person watches the way";
+                self.note(Kind::Gate, vec![Reason::new("unknown_place", message)])?;
+                Ok(false)
+            }
         }
-        let (Some(state), Some(cycle)) = (state, self.cycle.clone()) else {
-            let message = "the arm's pose or the panel's position is not known; move the arm to the park pose with \
-                           `panelprep robot move-j park` while a person watches the way";
-            self.note(Kind::Gate, vec![Reason::new("unknown_place", message)])?;
-            return Ok(false);
+    }
+
+    fn leaves_an_unknown_place(
+        &mut self,
+        state: &State,
+        cycle: &CycleSetup,
+        poses: &[Joints],
+    ) -> Result<bool, DaemonError> {
+        let obstacles = self.obstacles_at_rest(cycle);
+        let Some(met) = self.met_on_the_way(state, poses, AxisMotionStart::Anywhere, Some(obstacles)) else {
+            return self.joints_are_good(poses, AxisMotionStart::Anywhere, None);
         };
-        let obstacles = self.perception.obstacles().cloned().unwrap_or_else(|| self.last_known_panel(&cycle));
-        // The tool of the cell and not the active one: after a start the controller may have any tool, and the sander
-        // is mounted in any case.
-        let tool = cycle.calibrations.flange_from_tool;
-        let Some(met) = self.met_on_the_way(&state.joints, poses, (tool, Some(obstacles))) else { return Ok(true) };
         let message = format!(
             "the arm is not where a path of this program left it, and on its way to the park pose {met}; jog the \
              tool off the panel in T1, or move the arm there with `panelprep robot move-j park` while a person \
@@ -190,6 +232,11 @@ impl Running<'_> {
         );
         self.note(Kind::Gate, vec![Reason::new("unknown_place", message)])?;
         Ok(false)
+    }
+
+    /// Returns what the last scan showed, or, without a scan in this cycle, the panel at its last known pose.
+    fn obstacles_at_rest(&self, cycle: &CycleSetup) -> Arc<Obstacles> {
+        self.perception.obstacles().cloned().unwrap_or_else(|| self.last_known_panel(cycle))
     }
 
     /// Returns the panel at the pose last found by the earlier cycles; if none found it, at the pose at which it was
@@ -274,7 +321,8 @@ impl Running<'_> {
                 let from: Rigid<Base, Tool> = state.base_from_tcp.to_rigid();
                 // For this motion the camera is the tool.
                 let to = Rigid::claim(*self.perception.corner_pose(cycle)?.isometry());
-                Some(routes::view(standing, from, to))
+                let (flange_from_tip, lift_mm) = (cycle.calibrations.flange_from_tool, settings.approach_mm());
+                Some(routes::view(standing, (from, to), Sander { flange_from_tip, lift_mm }))
             }
             Path::Approach => {
                 let to = routes::waypoints(self.abrasion.latest()?).first()?.as_sent();

@@ -131,12 +131,13 @@ impl Sanded<'_> {
     /// If OpenCV refuses the mask.
     pub fn without_evidence(&self) -> Result<Vec<bool>, ImagingError> {
         let Some(shimmer) = self.model.shimmer() else { return Ok(vec![false; self.inside.len()]) };
-        let near = RADII.iter().position(|radius| radius * Shimmer::SIDE_PX >= self.disc_px);
+        let reaches_disc = RADII.iter().position(|radius| radius * Shimmer::SIDE_PX >= self.disc_px);
         let lattice = Lattice {
             sites: self.sites(shimmer),
             shimmer,
             tolerance: self.model.away_share(),
-            near: near.unwrap_or(RADII.len() - 1),
+            // The smallest square alone has too few sites to show water at few pictures a second.
+            near: reaches_disc.unwrap_or(RADII.len() - 1).max(NEAREST - 1),
         };
         let is_wet = lattice.wet();
         // A pixel gets the evidence of a neighbouring wet site of similar brightness, or of a neighbouring place that

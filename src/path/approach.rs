@@ -8,7 +8,7 @@
 use super::Kinematics;
 use super::panel_reach::ReachSetup;
 use super::reach::{Obstacles, joint_motion};
-use super::routes::{self, StartState};
+use super::routes::{self, Sander, StartState};
 use crate::cell::{self, Limits};
 use crate::geometry::{Base, Flange, FlangeCamera, Joints, Panel, Rigid, Tool};
 use crate::panel::TaughtCorner;
@@ -132,7 +132,9 @@ impl<'a> CornerTour<'a> {
         let from = kinematics.base_from_flange(&at).ok_or_else(not_finite)? * flange_from_tool;
         let to = Rigid::claim(*(panel.base_from_panel * taught.teaching.panel_from_camera).isometry());
         let (limits, arm, obstacles) = (self.limits, self.arm, panel.obstacles);
-        let gated = routes::view(&StartState { limits, arm, flange_from_tool, joints: at, obstacles }, from, to);
+        let standing = StartState { limits, arm, flange_from_tool, joints: at, obstacles };
+        let gated =
+            routes::view(&standing, (from, to), Sander { flange_from_tip: self.flange_from_tool, lift_mm: 0.0 });
         let refused = gated.judgement().reasons.into_iter().next();
         let on_the_way = |reason: Reason| Reason {
             message: format!("on the way to corner {}: {}", corner + 1, reason.message),

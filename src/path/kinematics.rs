@@ -8,9 +8,10 @@
 //! Robotics Workshop 2014.
 
 use super::obstacles::Obstacles;
+use super::reach::DepartureDistances;
 use crate::calib::robot::{ArmPose, Correction};
 use crate::cell::{Arm, ArmGeometry};
-use crate::geometry::{Base, Flange, Joints, Point, Rigid};
+use crate::geometry::{Base, Flange, Joints, Point, Rigid, Tool};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use rs_opw_kinematics::glam::{DQuat, DVec3};
 use rs_opw_kinematics::kinematic_traits::{Kinematics as _, Pose};
@@ -28,6 +29,8 @@ pub struct Kinematics {
     solver: OPWKinematics,
     correction: Option<Correction>,
     obstacles: Option<Arc<Obstacles>>,
+    tool_radius_mm: f64,
+    departure: Option<Arc<DepartureDistances>>,
 }
 
 /// Accuracy to which the axis angles converge if a correction depends on them, degrees.
@@ -54,13 +57,47 @@ impl Kinematics {
             dof: 6,
         };
         let correction = arm.correction().map(|numbers| Correction::new(numbers, *arm.geometry()));
-        Kinematics { arm: arm.clone(), solver: OPWKinematics::new(parameters), correction, obstacles: None }
+        Kinematics {
+            arm: arm.clone(),
+            solver: OPWKinematics::new(parameters),
+            correction,
+            obstacles: None,
+            tool_radius_mm: 0.0,
+            departure: None,
+        }
     }
 
     /// Returns the arm together with the obstacles that a scan showed.
     #[must_use]
     pub fn beside(self, obstacles: Arc<Obstacles>) -> Self {
         Kinematics { obstacles: Some(obstacles), ..self }
+    }
+
+    /// Returns the arm with a tool of this radius at its tip. The rim of a disc reaches farther than the line from the
+    /// flange to the tip.
+    #[must_use]
+    pub fn with_tool_radius(self, tool_radius_mm: f64) -> Self {
+        Kinematics { tool_radius_mm, ..self }
+    }
+
+    /// The radius of the tool at its tip, mm.
+    pub(super) fn tool_radius_mm(&self) -> f64 {
+        self.tool_radius_mm
+    }
+
+    /// Returns the arm at the end of a checked path that led near to an obstacle: on a motion that begins with these
+    /// axis angles, it may stay nearer to the obstacle than elsewhere, but must not come much nearer. `None` if the
+    /// angles are not finite.
+    #[must_use]
+    pub fn departing(self, from: &Joints, flange_from_tool: Rigid<Flange, Tool>) -> Option<Self> {
+        let tip = (self.base_from_flange(from)? * flange_from_tool).origin();
+        let departure = DepartureDistances::compute(&self, tip, &from.degrees());
+        Some(Kinematics { departure: Some(Arc::new(departure)), ..self })
+    }
+
+    /// The least distances of the motion that departs from the end of a path.
+    pub(super) fn departure(&self) -> Option<&DepartureDistances> {
+        self.departure.as_deref()
     }
 
     /// Returns the obstacles that the arm must avoid.

@@ -7,7 +7,7 @@
 use super::gate::{check_pad, judged, taught_axis};
 use super::kinematics::Kinematics;
 use super::planned::{Plan, Waypoint};
-use super::reach::{Leg, Obstacles, ReachFault, between, follow, retracts};
+use super::reach::{self, Leg, Obstacles, ReachFault, between, follow, retracts};
 use super::waypoint_gate::{Route, WaypointLimits, broken_by_route};
 use crate::cell::{self, Limits};
 use crate::geometry::{Base, Degrees, Flange, Joints, KukaPose, Panel, Rigid, Tool, Vector};
@@ -189,14 +189,62 @@ pub fn contact(
     gated.refused_for(of_plan)
 }
 
-/// Checks the motion to a view of a corner; the end of the motion must lie in the volume in which the arm's correction
-/// was measured.
-pub fn view(standing: &StartState<'_>, from: Rigid<Base, Tool>, to: Rigid<Base, Tool>) -> Gated {
+/// The sander on the flange, during a motion whose tool is the camera.
+#[derive(Debug, Clone, Copy)]
+pub struct Sander {
+    /// The contact point of the disc.
+    pub flange_from_tip: Rigid<Flange, Tool>,
+    /// The distance along its axis by which the sander is lifted off the panel, mm.
+    pub lift_mm: f64,
+}
+
+/// Checks the motion to a view of a corner. The end of the motion must lie in the volume in which the arm's correction
+/// was measured. The camera is the tool of this motion; the sander beside it must keep its distances, too. If the sander
+/// is at the panel, as after a hold in contact, it is first lifted off along its axis: on a line of the camera it would
+/// move across the surface.
+pub fn view(
+    standing: &StartState<'_>,
+    (from, to): (Rigid<Base, Tool>, Rigid<Base, Tool>),
+    sander: Sander,
+) -> Gated {
+    let arm = standing.kinematics();
+    let tip = arm.base_from_flange(&standing.joints).map(|flange| flange * sander.flange_from_tip);
+    let Some(tip) = tip.filter(|_| !reach::is_clear(&arm, sander.flange_from_tip, &standing.joints)) else {
+        return view_from(standing, (from, to), sander);
+    };
+    let back = tip.isometry().rotation * Vector3::z() * -sander.lift_mm;
+    let lifted = from.displaced(Vector::new(back));
+    // The panel is no obstacle while the tool leaves it.
+    let leaving = StartState { obstacles: None, ..*standing };
+    let lift = air(&leaving, Rigid::<Base, Base>::identity(), (from, lifted), None);
+    let Some(joints) = lift.joints else { return lift };
+    let view = view_from(&StartState { joints, ..*standing }, (lifted, to), sander);
+    Gated { points: lift.points.into_iter().chain(view.points).collect(), ..view }
+}
+
+fn view_from(
+    standing: &StartState<'_>,
+    (from, to): (Rigid<Base, Tool>, Rigid<Base, Tool>),
+    sander: Sander,
+) -> Gated {
     let gated = air(standing, Rigid::<Base, Base>::identity(), (from, to), None);
-    match standing.where_measured([to]) {
-        Some(outside) => gated.refused_for(vec![outside]),
-        None => gated,
+    if let Some(outside) = standing.where_measured([to]) {
+        return gated.refused_for(vec![outside]);
     }
+    if !gated.is_good() {
+        return gated;
+    }
+    let arm = standing.kinematics();
+    let arm = match reach::is_clear(&arm, sander.flange_from_tip, &standing.joints) {
+        true => Some(arm),
+        false => arm.departing(&standing.joints, sander.flange_from_tip),
+    };
+    let followed =
+        arm.map(|arm| follows(&arm, standing, (Rigid::identity(), &gated.points), sander.flange_from_tip));
+    let Some(Err(reason)) = followed else { return gated };
+    let message = format!("with the sander: {}", reason.message);
+    let check = Check::new("waypoint that the sander follows", "", None);
+    gated.refused_for(vec![check.gives(Some(Reason { message, ..reason }), Severity::Reject)])
 }
 
 fn gated<Active: crate::geometry::Frame>(
@@ -240,6 +288,15 @@ fn gated<Active: crate::geometry::Frame>(
 }
 
 impl StartState<'_> {
+    /// Returns the arm beside the obstacles that it avoids.
+    fn kinematics(&self) -> Kinematics {
+        let arm = Kinematics::new(self.arm);
+        match self.obstacles {
+            Some(obstacles) => arm.beside(obstacles.clone()),
+            None => arm,
+        }
+    }
+
     /// Checks that the arm's correction was measured at these tip poses, because the tip must be exact there.
     fn where_measured(&self, tips: impl IntoIterator<Item = Rigid<Base, Tool>>) -> Option<Check> {
         let (arm, tool_from_flange) = (Kinematics::new(self.arm), self.flange_from_tool.inverse());
@@ -270,11 +327,7 @@ impl StartState<'_> {
     /// Returns the axis angles at the end of each of these lines, followed from the current axis angles, or the reason
     /// why the arm cannot follow.
     fn followed(&self, from: Rigid<Base, Tool>, legs: &[Leg]) -> Result<Vec<Joints>, Reason> {
-        let arm = Kinematics::new(self.arm);
-        let arm = match self.obstacles {
-            Some(obstacles) => arm.beside(obstacles.clone()),
-            None => arm,
-        };
+        let arm = self.kinematics();
         // First, because everything below computes with this model of the arm: with another arm each accepted axis
         // would be wrong.
         is_the_arm(&arm, &self.joints, self.flange_from_tool, from)?;
@@ -324,6 +377,15 @@ pub fn mounted_follows(
     points: &[LinearMotion],
     flange_from_mounted: Rigid<Flange, Tool>,
 ) -> Result<(), Reason> {
+    follows(&standing.kinematics(), standing, (base_from_active, points), flange_from_mounted)
+}
+
+fn follows(
+    arm: &Kinematics,
+    standing: &StartState<'_>,
+    (base_from_active, points): (Rigid<Base, Base>, &[LinearMotion]),
+    flange_from_mounted: Rigid<Flange, Tool>,
+) -> Result<(), Reason> {
     let tool_from_mounted: Rigid<Tool, Tool> =
         Rigid::claim(*(standing.flange_from_tool.inverse() * flange_from_mounted).isometry());
     let legs: Vec<Leg> = points
@@ -334,8 +396,7 @@ pub fn mounted_follows(
             blend_mm: point.blend_mm,
         })
         .collect();
-    let arm = Kinematics::new(standing.arm);
-    follow(&arm, flange_from_mounted, Some(&standing.joints), &legs).map(drop).map_err(|fault| refused(&fault))
+    follow(arm, flange_from_mounted, Some(&standing.joints), &legs).map(drop).map_err(|fault| refused(&fault))
 }
 
 /// Converts a fault to a reason: the fault's index counts from 0, and the message counts waypoints from 1.

@@ -6,7 +6,7 @@ use crate::cell::CorrectionNumbers;
 use crate::geometry::{Base, Flange, Joints, Panel, Rigid, Tool};
 use crate::path::approach::Approach;
 use crate::path::reach::Obstacles;
-use crate::path::routes::{self, StartState};
+use crate::path::routes::{self, Sander, StartState};
 use crate::path::{self, Kinematics, Plan, panel_reach};
 use std::sync::Arc;
 
@@ -24,7 +24,7 @@ fn number(story: &fake::Story, kind: Kind, name: &str) -> f64 {
 #[test]
 fn a_panel_out_of_reach_is_rejected_before_it_is_wet() {
     let mut fake = Fake::new(Scene::Good);
-    fake.more_cell = "[[keep_out]]\nname = 'wall'\nmin_mm = [480, -220, 0]\nmax_mm = [700, 220, 560]\n";
+    fake.more_cell = "[[keep_out]]\nname = 'wall'\nmin_mm = [575, -220, 0]\nmax_mm = [700, 220, 560]\n";
     let story = fake.run(Asks::one_cycle());
     assert_eq!(story.outcome.verdict, Some(Verdict::Reject), "{story}");
     assert_eq!(story.stages().last(), Some(&Kind::Reach), "{story}");
@@ -300,7 +300,8 @@ fn nothing_is_measured_or_touched_where_the_correction_was_not_measured() {
         let from = plan.paths[0].waypoints[0].as_sent();
         let contact = routes::contact(&standing, place, (from, &plan), recipe.path());
         let [here, there] = [0, 1].map(|index| place * plan.paths[0].waypoints[index].as_sent());
-        let view = routes::view(&standing, here, there);
+        let view =
+            routes::view(&standing, (here, there), Sander { flange_from_tip: flange_from_tool, lift_mm: 40.0 });
         for gated in [contact, view] {
             assert_eq!(gated.is_good(), code.is_none(), "{:?}", gated.judgement());
             assert_eq!(gated.judgement().reasons.first().map(|reason| reason.code.to_string()).as_deref(), code);

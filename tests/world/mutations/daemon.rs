@@ -97,8 +97,8 @@ pub(super) const ALL: [Mutation; 16] = [
     change(
         "the axes move from a place that is not known",
         MOVES,
-        "if !self.leaves_an_unknown_place(poses)? || !self.joints_are_good(poses, (tool, None))? {",
-        "if !self.joints_are_good(poses, (tool, None))? {",
+        "(Some(state), Some(cycle)) => self.leaves_an_unknown_place(&state, &cycle, poses),",
+        "(Some(_), Some(_)) => self.joints_are_good(poses, reach::joint_motion, None),",
     ),
     change(
         "a decision upon an earlier step is taken",
