@@ -89,7 +89,8 @@ fn once(
     if let Some(file) = &args.record {
         recording::named_by_a_command(file, files.store_folder())?;
     }
-    let taught_recipe = TaughtRecipe::read(&files, &args.recipe)?.about(&files, Some(args.part.names()))?;
+    let taught_recipe =
+        TaughtRecipe::read(&files, &args.recipe)?.about(&files, Some(args.part.names()), args.count)?;
     // An air-run abrades nothing, so that the limit of passes does not apply.
     if matches!(request(&taught_recipe), cycle::Request::Start { .. }) {
         taught_recipe.part_may_be_abraded()?;
@@ -166,8 +167,10 @@ pub fn one(
         world.mount_disc(taught_recipe.recipe.path().disc_diameter_mm());
     }
     let named = record.map(|file| RecordingFile::Named(file.display().to_string()));
-    let start = CycleStart { recording: named, ..taught_recipe.start(calibrated)? };
-    let mut once = Once::new(request(taught_recipe), interrupts.clone(), progress);
+    let request = request(taught_recipe);
+    let is_air_run = matches!(request, cycle::Request::AirRun { .. });
+    let start = CycleStart { recording: named, is_air_run, ..taught_recipe.start(calibrated)? };
+    let mut once = Once::new(request, interrupts.clone(), progress);
     let state = store.state().map_err(Fault::stage)?;
     let lock_step = live.robot.is_lock_step();
     let recording = RecordingSwitch::new(files.store_folder(), lock_step);

@@ -14,6 +14,10 @@ pub struct Touched {
     all: BTreeSet<Place>,
     /// Grids touched on the present part, in cycles before the present one.
     part: BTreeSet<Place>,
+    /// Number of passes on the present part that no cycle of the store contains, because a backup replaced the store.
+    lost: usize,
+    /// The last cycle that a restored store lost.
+    lost_until: Option<CycleId>,
     /// The open contact path, and its cycle.
     path: Option<(CycleId, ContactPath)>,
 }
@@ -40,17 +44,37 @@ impl Touched {
 
     /// Returns whether something was touched on the present part.
     pub fn has_part(&self) -> bool {
-        !self.part.is_empty()
+        !self.part.is_empty() || self.lost > 0
     }
 
     /// Notes that another part is in the cell.
     pub fn another_part(&mut self) {
         self.part.clear();
+        self.lost = 0;
+    }
+
+    /// Number of passes on the present part that the store lost.
+    pub fn lost(&self) -> usize {
+        self.lost
+    }
+
+    /// Returns these places of an earlier store, which replaces the store of the later ones. The part in the cell stays
+    /// as the arm left it.
+    pub fn replaces(self, later: &Touched) -> Self {
+        let (part, lost): (BTreeSet<Place>, BTreeSet<Place>) =
+            later.part.iter().cloned().partition(|place| self.all.contains(place));
+        let passes: BTreeSet<(CycleId, u8)> = lost.into_iter().map(|(cycle, pass, _)| (cycle, pass)).collect();
+        let lost_until = passes.last().map(|(cycle, _)| *cycle).max(later.lost_until);
+        Touched { part, lost: later.lost + passes.len(), lost_until, path: None, all: self.all }
     }
 
     /// Notes that the part has its result in this cycle and is taken out.
     pub fn has_result(&mut self, cycle: CycleId) {
         self.part.retain(|(of, ..)| *of > cycle);
+        // The result of a cycle before the lost ones says nothing about them.
+        if self.lost_until.is_none_or(|until| until < cycle) {
+            self.lost = 0;
+        }
     }
 
     /// Returns grids that were touched on this part and that a new cycle does not count, if there are any.
@@ -61,6 +85,10 @@ impl Touched {
             };
             Some(*of) == cycle || counted.iter().any(is_it)
         };
+        let stated = counted.iter().filter(|known| known.is_stated).count();
+        if stated < self.lost {
+            return Some(format!("{} passes were lost by a restore, and {stated} are counted", self.lost));
+        }
         let forgotten = self.part.iter().find(|place| !knows(place))?;
         Some(format!(
             "{} was touched in cycle {}, pass {}, and is not counted",
