@@ -2,7 +2,7 @@
 
 use super::args::{Common, Cycle, Simulation};
 use super::cycle_files::{Calibrated, TaughtRecipe};
-use super::fault::Fault;
+use super::fault::{DeviceFault, Fault};
 use super::health;
 use super::interrupts::Interrupts;
 use super::live::{FlangeLink, Live, Simulated};
@@ -12,7 +12,7 @@ use super::record as signed;
 use super::recording;
 use super::report::{self, StoredCycle};
 use super::work_done;
-use crate::cell::Cell;
+use crate::cell::{Cell, ProofStage};
 use crate::cycle::{self, At, Event, Hold, Phase, Refusal, Report, Robot, State, Why};
 use crate::daemon::{
     self, Calibrations, Computing, LiveView, LoopEvent, LoopOutcome, LoopStart, Ports, RecordPort as _, Recorded,
@@ -65,9 +65,11 @@ pub struct Run<'r> {
 /// Runs the cycle and reports how it ended.
 ///
 /// # Errors
-/// If a file is invalid, the store contains an unfinished motion, or the store cannot be written.
+/// If a file is invalid, a stage that the motion needs is not signed, the store contains an unfinished motion, or the
+/// store cannot be written.
 pub fn run(args: &Cycle, common: &Common, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
-    once(args, common, progress, TaughtRecipe::request)
+    let needed = if args.on_foam { ProofStage::B } else { ProofStage::C };
+    once(args, common, progress, (TaughtRecipe::request, needed))
 }
 
 /// Runs an air-run: no water, no tool, no contact; the path covers all grids.
@@ -75,17 +77,21 @@ pub fn run(args: &Cycle, common: &Common, progress: &dyn Fn(&str)) -> Result<Out
 /// # Errors
 /// As [`run`].
 pub fn air_run(args: &Cycle, common: &Common, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
-    once(args, common, progress, TaughtRecipe::air_request)
+    if args.on_foam {
+        return Err(DeviceFault::FoamInTheAir.into());
+    }
+    once(args, common, progress, (TaughtRecipe::air_request, ProofStage::A))
 }
 
 fn once(
     args: &Cycle,
     common: &Common,
     progress: &dyn Fn(&str),
-    request: fn(&TaughtRecipe) -> cycle::Request,
+    (request, needed): (fn(&TaughtRecipe) -> cycle::Request, ProofStage),
 ) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     files.require(Purpose::Cycle)?;
+    files.cell.robot().requires_signed(needed).map_err(DeviceFault::from)?;
     if let Some(file) = &args.record {
         recording::named_by_a_command(file, files.store_folder())?;
     }

@@ -88,7 +88,7 @@ fn each_mistake_is_named() {
         ),
         (
             "[robot]\nport = 54600",
-            "2: robot.port: unknown key; known here: kind, controller, host, command_port, state_port, programs_sum",
+            "2: robot.port: unknown key; known here: kind, controller, host, command_port, state_port, programs_sum, signed_stage",
         ),
         (
             &format!("[poses]\nprak = {axes}"),

@@ -14,6 +14,10 @@ pub struct Cycle {
     /// A new disc is mounted: its wear is counted from zero.
     #[arg(long)]
     pub new_disc: bool,
+    /// A sheet of foam is in the cell instead of a panel: for stage C of `robot prove`, before `signed_stage` is "C".
+    /// Only for `cycle`.
+    #[arg(long, conflicts_with = "serial")]
+    pub on_foam: bool,
     /// The part in the cell: kept with the cycle and shown on its page.
     #[command(flatten)]
     pub part: PartArguments,
