@@ -142,7 +142,7 @@ impl RobotAction {
             RobotAction::State => single.is_the_cells_arm(cell).map_err(not_this_arm),
             RobotAction::MoveJ(joints, percent) => single.move_joints(*joints, *percent, cell),
             RobotAction::MoveLin(line) => single.move_line(line, cell),
-            RobotAction::Set(command) => single.set(*command),
+            RobotAction::Set(command) => single.set(*command, cell),
             RobotAction::Call(index) => single.call(*index, cell),
             RobotAction::SetOut { name, on, keep } => single.set_output(name, *on, cell, *keep),
         }

@@ -161,7 +161,7 @@ fn base_comes_back(cell: &Cell, x_mm: f64, most_mm: f64) -> Tried {
         return open();
     }
     let base = KukaPose { x_mm, ..KukaPose::default() };
-    match single.set(Command::SetBase(base)) {
+    match single.set(Command::SetBase(base), cell) {
         Ok(()) => {
             let told_mm = single.state().active_base.x_mm;
             let evidence = format!("base X {x_mm} mm was sent, {told_mm} mm was reported back");
