@@ -14,10 +14,8 @@ pub struct Touched {
     all: BTreeSet<Place>,
     /// Grids touched on the present part, in cycles before the present one.
     part: BTreeSet<Place>,
-    /// Number of passes on the present part that no cycle of the store contains, because a backup replaced the store.
-    lost: usize,
-    /// The last cycle that a restored store lost.
-    lost_until: Option<CycleId>,
+    /// Grids touched on the present part after the backup that replaced the store.
+    lost: BTreeSet<Place>,
     /// The open contact path, and its cycle.
     path: Option<(CycleId, ContactPath)>,
 }
@@ -44,18 +42,18 @@ impl Touched {
 
     /// Returns whether something was touched on the present part.
     pub fn has_part(&self) -> bool {
-        !self.part.is_empty() || self.lost > 0
+        !self.part.is_empty() || !self.lost.is_empty()
     }
 
     /// Notes that another part is in the cell.
     pub fn another_part(&mut self) {
         self.part.clear();
-        self.lost = 0;
+        self.lost.clear();
     }
 
-    /// Number of passes on the present part that the store lost.
+    /// Number of passes on the present part that the store may have lost.
     pub fn lost(&self) -> usize {
-        self.lost
+        passes_of(self.lost.iter())
     }
 
     /// Returns these places of an earlier store, which replaces the store of the later ones. The part in the cell stays
@@ -63,18 +61,18 @@ impl Touched {
     pub fn replaces(self, later: &Touched) -> Self {
         let (part, lost): (BTreeSet<Place>, BTreeSet<Place>) =
             later.part.iter().cloned().partition(|place| self.all.contains(place));
-        let passes: BTreeSet<(CycleId, u8)> = lost.into_iter().map(|(cycle, pass, _)| (cycle, pass)).collect();
-        let lost_until = passes.last().map(|(cycle, _)| *cycle).max(later.lost_until);
-        Touched { part, lost: later.lost + passes.len(), lost_until, path: None, all: self.all }
+        Touched {
+            part,
+            lost: lost.into_iter().chain(later.lost.iter().cloned()).collect(),
+            path: None,
+            all: self.all,
+        }
     }
 
     /// Notes that the part has its result in this cycle and is taken out.
     pub fn has_result(&mut self, cycle: CycleId) {
         self.part.retain(|(of, ..)| *of > cycle);
-        // The result of a cycle before the lost ones says nothing about them.
-        if self.lost_until.is_none_or(|until| until < cycle) {
-            self.lost = 0;
-        }
+        self.lost.retain(|(of, ..)| *of > cycle);
     }
 
     /// Returns grids that were touched on this part and that a new cycle does not count, if there are any.
@@ -86,8 +84,10 @@ impl Touched {
             Some(*of) == cycle || counted.iter().any(is_it)
         };
         let stated = counted.iter().filter(|known| known.is_stated).count();
-        if stated < self.lost {
-            return Some(format!("{} passes were lost by a restore, and {stated} are counted", self.lost));
+        // A pass whose permits are in the backup is counted without a statement.
+        let lost = passes_of(self.lost.iter().filter(|place| !knows(place)));
+        if stated < lost {
+            return Some(format!("{lost} passes were lost by a restore, and {stated} are counted"));
         }
         let forgotten = self.part.iter().find(|place| !knows(place))?;
         Some(format!(
@@ -114,4 +114,9 @@ impl Touched {
     pub fn cycles(&self) -> impl Iterator<Item = &CycleId> {
         self.all.iter().map(|(cycle, ..)| cycle)
     }
+}
+
+/// Returns the number of passes in which these places were touched.
+fn passes_of<'p>(places: impl Iterator<Item = &'p Place>) -> usize {
+    places.map(|(cycle, pass, _)| (cycle, pass)).collect::<BTreeSet<_>>().len()
 }
