@@ -14,7 +14,7 @@ mod report;
 mod text;
 
 use crate::cell::{
-    CELL_KEYS, Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, RemovalCalibration, RobotCorrection,
+    CELL_KEYS, Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, RemovalCalibration, RobotCorrection, RobotKind,
     ScannerMount, TargetMount, ToolMount, ZividSettings,
 };
 use crate::config::{self, Problem, Problems};
@@ -139,8 +139,11 @@ pub fn check_files_for(files: &[(&str, &str)], checked_for: &CheckedFor<'_>) -> 
         reports[place] = report;
     }
     hold_recipes_against_the_cell(files, checked_for.read, &mut reports);
-    if let Some((place, cell)) = the_cell(files, &reports) {
-        controller::hold_against_the_cell(files, (place, &cell), &mut reports);
+    match the_cell(files, &reports) {
+        Some((place, cell)) if cell.robot().kind() == RobotKind::Eki => {
+            controller::hold_against_the_cell(files, (place, &cell), &mut reports);
+        }
+        _ => controller::hold_against_each_other(files, &mut reports),
     }
     for report in &mut reports {
         report.problems.sort_by_key(|problem| problem.line);
@@ -226,14 +229,17 @@ fn completeness(name: &str, text: &str, checked_for: &CheckedFor<'_>) -> (Vec<Pr
     let Ok(cell) = Cell::check(name, text) else { return (vec![], vec![]) };
     // Without a purpose no value is required, but the values that are present must be right.
     let mut all = incomplete(&cell, checked_for.purpose.unwrap_or(Purpose::Cycle), checked_for.read);
-    all.retain(|unmet| checked_for.purpose.is_some() || unmet.lack != Lack::Value);
+    all.retain(|unmet| checked_for.purpose.is_some() || matches!(unmet.lack, Lack::MissingFile | Lack::WrongFile));
     let may_lack = |unmet: &Unmet| checked_for.may_lack_files && unmet.lack == Lack::MissingFile;
     let (missing, unmet): (Vec<Unmet>, Vec<Unmet>) = all.into_iter().partition(may_lack);
+    // The programs are accepted after the cell's file is written, so a new file is right without it.
+    let later = |unmet: &Unmet| checked_for.may_lack_files && unmet.lack == Lack::Acceptance;
+    let (open, unmet): (Vec<Unmet>, Vec<Unmet>) = unmet.into_iter().partition(later);
     let mut problems = problems_of(text, unmet);
     if let (Some(first), Some(purpose)) = (problems.first_mut(), checked_for.purpose) {
         first.message = format!("{} ({} need all that is listed here)", first.message, purpose.commands());
     }
-    (problems, files_to_be_made(text, missing).into_iter().collect())
+    (problems, files_to_be_made(text, missing).into_iter().chain(problems_of(text, open)).collect())
 }
 
 /// Returns one warning for all missing files, at the line of the first one.

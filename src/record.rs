@@ -18,7 +18,7 @@ pub use contact::{
     Abraded, Bounds, Contact, ContactPath, EarlierPass, How, MotionRecord, Reached, Touched, abraded, passes,
 };
 pub use finding::{CycleId, Finding, KeptFile, Kind, Picture, name};
-pub use part::PartNames;
+pub use part::{LostPasses, PartNames};
 pub use removed::{RemovedByPath, removed, removed_bound_um};
 pub use requests::{Answer, RequestRecord, RequestSource, RequestedAction, Who};
 

@@ -34,9 +34,23 @@ pub fn unmet(cell: &Cell, purpose: Purpose) -> Vec<Unmet> {
     }
 }
 
-/// Returns the result of [`unmet`], and the files named in the cell's file that are missing or wrong.
+/// Returns the result of [`unmet`], the files named in the cell's file that are missing or wrong, and the missing
+/// acceptance of a real controller's programs.
 pub fn incomplete(cell: &Cell, purpose: Purpose, read: ReadNamed<'_>) -> Vec<Unmet> {
-    unmet(cell, purpose).into_iter().chain(named_files::unmet(cell, purpose, read)).collect()
+    let of_files = named_files::unmet(cell, purpose, read);
+    unmet(cell, purpose).into_iter().chain(of_files).chain(acceptance(cell, purpose)).collect()
+}
+
+/// Requires the sum of the programs with which the cell was accepted. A controller on this computer is a rehearsal
+/// with `mock-robot`.
+fn acceptance(cell: &Cell, purpose: Purpose) -> Option<Unmet> {
+    let robot = cell.robot();
+    let is_real = robot.kind() == RobotKind::Eki && !robot.is_on_this_machine();
+    let message = "is missing: with which programs of the controller this cell was accepted is NOT PROVEN, and others would not \
+                   be noticed; run `panelprep doctor --kuka DIR --accept` with the controller's files and add the \
+                   line that it prints";
+    let lacks = purpose == Purpose::Cycle && is_real && robot.programs_sum().is_none();
+    lacks.then(|| Unmet { lack: Lack::Acceptance, ..Unmet::new("robot.programs_sum", message) })
 }
 
 /// Returns the names of the cameras, each with a flag that states whether the camera is simulated.
@@ -66,6 +80,11 @@ fn names(cell: &Cell, simulates: bool) -> Vec<Unmet> {
             missing.push(Unmet::new(format!("io.feedbacks.{}", feedback.name()), message));
         }
     }
+    missing.extend(io.undecided().into_iter().map(|name| {
+        let message = "does not state what a stop does with it; state its time in [io.off_after_s] (0 for all that moves \
+                       or lets water run), or name it in [io] may_stay_on";
+        Unmet::new(format!("io.outputs.{name}"), message)
+    }));
     missing
 }
 
@@ -235,9 +254,29 @@ mod tests {
                 vec!["scanner.settings_2d"],
             ),
             (format!("{WHOLE}{post}"), vec!["poses.park"]),
+            (replaced("spray = 2 ", "pump = 9\nspray = 2 "), vec!["io.outputs.pump"]),
+            (replaced("spray = 2 ", "pump = 9\nspray = 2 ") + "\n[io]\nmay_stay_on = [\"pump\"]\n", vec![]),
         ] {
             assert_eq!(keys(&text, Purpose::Cycle), expected, "{text}");
         }
+    }
+
+    /// No cycle starts on a real controller whose programs were not accepted; single functions, with which the cell is
+    /// commissioned, need no acceptance, and a rehearsal on this computer has none.
+    #[test]
+    fn a_cycle_on_a_real_controller_needs_accepted_programs() {
+        let example = include_str!("../config/cell-example.toml");
+        let needs = |text: &str, purpose| {
+            let cell = Cell::check("cell.toml", text).unwrap_or_else(|problems| panic!("{problems}"));
+            let all = incomplete(&cell, purpose, &not_looked_at);
+            all.into_iter().any(|unmet| unmet.lack == Lack::Acceptance && unmet.key == "robot.programs_sum")
+        };
+        let accepted = example.replacen("# programs_sum = ", "programs_sum = ", 1);
+        assert_ne!(accepted, example);
+        let here = example.replacen("host = \"172.31.1.147\"", "host = \"127.0.0.1\"", 1);
+        assert!(needs(example, Purpose::Cycle));
+        assert!(!needs(example, Purpose::Robot) && !needs(&accepted, Purpose::Cycle));
+        assert!(!needs(&here, Purpose::Cycle) && !needs(WHOLE, Purpose::Cycle));
     }
 
     #[test]

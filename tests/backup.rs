@@ -55,6 +55,8 @@ fn a_backup_beside_a_running_cycle_gives_the_same_records_elsewhere() {
 
     // On another machine: the same rows, and the same pages from them.
     let (exit, told) = json(folder, "restore second.tar.zst --cell other/cell.toml");
+    assert!(exit == 2 && told["reasons"].to_string().contains("--last-cycle"), "{told}");
+    let (exit, told) = json(folder, "restore second.tar.zst --cell other/cell.toml --last-cycle 2");
     assert_eq!((exit, &told["links"]), (0, &second["links"]), "{told}");
     verify(folder, "other/cell.toml");
     for (cycle, before) in (1..).zip(pages) {
@@ -74,6 +76,8 @@ fn a_backup_beside_a_running_cycle_gives_the_same_records_elsewhere() {
     let (exit, told) = json(folder, "clear --cell other/cell.toml");
     assert_eq!(exit, 0, "{told}");
     let (exit, told) = json(folder, cycle);
+    assert!(exit == 2 && told["reasons"].to_string().contains("--lost-passes"), "{told}");
+    let (exit, told) = json(folder, &format!("{cycle} --another-part"));
     assert!(exit == 0 && told["cycle_id"].as_i64().is_some_and(|id| id >= 3), "{told}");
 
     // The backup made during the running cycle is a store with a cycle that was cut short, and reports this.
@@ -96,7 +100,7 @@ fn a_damaged_backup_is_told_and_changes_nothing() {
     let middle = bytes.len() / 2;
     bytes[middle] ^= 4;
     fs::write(folder.join("cell.tar.zst"), bytes).expect("spoilt");
-    let (exit, told) = json(folder, "restore cell.tar.zst --cell other/cell.toml");
+    let (exit, told) = json(folder, "restore cell.tar.zst --cell other/cell.toml --last-cycle 0");
     assert_eq!((exit, &told["ok"], &told["verdict"]), (1, &false.into(), &"fail".into()), "{told}");
     assert!(told["found"][0].as_str().is_some_and(|words| words.contains("is damaged: its SHA-256")), "{told}");
     assert!(!folder.join("other").exists());

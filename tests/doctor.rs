@@ -191,10 +191,11 @@ fn what_answers_in_place_of_a_controller_is_told_apart() {
         ),
         (
             "cell_config.dat",
-            "CELL_USER_REVISION=1",
-            "CELL_USER_REVISION=2",
+            "CELL_RETRACT_ACC=2.0",
+            "CELL_RETRACT_ACC=3.0",
             ["programs", "accepted with", "programs_sum"],
         ),
+        ("cell_user.src", "WAIT SEC 0.1", "WAIT SEC 0.2", ["cell_config.dat", "CELL_USER_REVISION", "both agree"]),
     ] {
         let file = folder.join(file);
         let text = fs::read_to_string(&file).expect("there");
@@ -238,6 +239,7 @@ fn controller_files(folder: &Path) {
         ("cell_motion.src", include_str!("../config/kuka/cell_motion.src")),
         ("cell_submit.src", include_str!("../config/kuka/cell_submit.src")),
         ("cell_tell.src", include_str!("../config/kuka/cell_tell.src")),
+        ("cell_user.src", include_str!("../config/kuka/cell_user.src")),
     ];
     for (name, text) in files {
         fs::write(folder.join(name), text).expect("written");

@@ -217,6 +217,7 @@ fn signed_cycle(store: &mut Store) {
         recipe_text: "panel = \"wing\"\n".to_owned(),
         file_texts: vec![],
         recording: None,
+        is_air_run: false,
     };
     let id = store.begin_cycle(&start).expect("begun");
     store.conclude(id, Verdict::Pass, &[]).expect("over");

@@ -69,6 +69,43 @@ fn simulated_cameras_beside_a_robot_elsewhere_are_refused() {
     assert_eq!((exit, &told["files"][0]["ok"]), (1, &serde_json::Value::Bool(false)), "{told}");
 }
 
+/// A real controller gets no path in automatic mode before the proofs that the path needs are signed.
+#[test]
+fn a_path_on_a_real_controller_needs_the_signed_stage() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    assert_eq!(json(folder, "render --seed 3 --reduction 8 --seconds 5 --out cell").0, 0);
+    let file = folder.join("cell/cell.toml");
+    let shipped = fs::read_to_string(&file).expect("rendered");
+    let recorded = shipped.replace("kind = \"simulated\"", "kind = \"recorded\"\nfolder = \".\"");
+    assert_eq!(recorded.matches("\"recorded\"").count(), 2, "both cameras");
+    let said = |signed: &str, command: &str| {
+        let robot = format!("kind = \"eki\"\nhost = \"192.0.2.1\"\nprograms_sum = 1\n{signed}");
+        fs::write(&file, recorded.replace("kind = \"mock\"", &robot)).expect("written");
+        let (exit, told) = json(folder, &format!("{command} --recipe cell/recipe.toml --cell cell/cell.toml"));
+        assert_eq!(exit, 2, "nothing is taught: {told}");
+        told["reasons"][0].to_string()
+    };
+    for (signed, command, needed) in [
+        ("", "air-run", "needs A"),
+        ("", "cycle --on-foam", "needs B"),
+        ("signed_stage = \"A\"", "cycle --on-foam", "needs B"),
+        ("signed_stage = \"B\"", "cycle", "needs C"),
+    ] {
+        let words = said(signed, command);
+        assert!(words.contains("stage_not_signed") && words.contains(needed), "{signed} {command}: {words}");
+    }
+    for (signed, command) in [
+        ("signed_stage = \"A\"", "air-run"),
+        ("signed_stage = \"B\"", "cycle --on-foam"),
+        ("signed_stage = \"C\"", "cycle"),
+    ] {
+        let words = said(signed, command);
+        assert!(!words.contains("signed"), "{signed} {command}: {words}");
+    }
+    assert!(said("", "air-run --on-foam").contains("touches nothing"));
+}
+
 /// An integrator's own programs run beside the shipped ones. Statements that the mock does not execute are named at
 /// the start, and a call that reaches one ends at its line.
 #[test]

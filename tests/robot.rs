@@ -220,7 +220,8 @@ fn what_is_to_be_proven_is_gone_through() {
     let output = output.expect("the program starts");
     assert!(output.status.code() == Some(2) && !folder.join("new.html").exists());
     assert!(String::from_utf8_lossy(&output.stderr).contains("must not be empty"));
-    std::fs::write(folder.join("answers"), "y trace 1\nn old entries came\n\ny\n").expect("written");
+    // Stage A begins with the questions of rows 4, 14 and 16; the rest is left open.
+    std::fs::write(folder.join("answers"), "y trace 1\nn it stopped\ny\n").expect("written");
     let output = Command::new(env!("CARGO_BIN_EXE_panelprep"))
         .args("robot prove --out proven.html --by Ada --cell cell.toml --json".split_whitespace())
         .current_dir(folder)
@@ -233,17 +234,18 @@ fn what_is_to_be_proven_is_gone_through() {
         let proof = proofs.iter().find(|proof| proof["number"] == number).expect("a row");
         (proof["finding"].as_str().expect("a word"), proof["tried"].as_bool().expect("yes or no"))
     };
-    for number in [5, 7, 33, 35, 39] {
+    for number in [1, 2, 3, 5, 6, 7, 15, 18, 27, 33, 35, 39] {
         assert_eq!(of(number), ("proven", true), "{number}: {told}");
     }
     assert_eq!(
-        [of(1), of(2), of(3), of(4)],
+        [of(4), of(14), of(16), of(23)],
         [("proven", false), ("wrong", false), ("open", false), ("open", false)]
     );
-    assert_eq!(of(20), ("open", false), "in contact, by hand");
+    assert_eq!(told["stage"], "A");
+    assert!(proofs.iter().all(|proof| proof["number"] != 9 && proof["number"] != 20), "stages B and C: {told}");
     assert_eq!((output.status.code(), &told["verdict"]), (Some(1), &Value::from("reject")));
     let page = std::fs::read_to_string(folder.join("proven.html")).expect("the page");
-    assert!(page.contains("trace 1") && page.contains("old entries came") && page.contains("By Ada"), "{page}");
+    assert!(page.contains("trace 1") && page.contains("it stopped") && page.contains("By Ada"), "{page}");
     assert_eq!(page.matches("<tr class=").count(), proofs.len());
     // It was a mock controller, which proves nothing: the page states this, and cannot be signed.
     assert!(page.contains("proves nothing about a real one") && !page.contains("signature"), "{page}");

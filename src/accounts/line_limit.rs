@@ -47,6 +47,16 @@ impl LineLimit {
         now_ms.saturating_sub(self.since_ms) >= MINUTE_MS
     }
 
+    /// The number of lines that were left out in this minute.
+    pub fn left_out(&self) -> u64 {
+        self.left_out
+    }
+
+    /// Returns the time until the minute is over, ms.
+    pub fn rest_ms(&self, now_ms: u64) -> u64 {
+        MINUTE_MS.saturating_sub(now_ms.saturating_sub(self.since_ms))
+    }
+
     /// Ends the minute if it is over: returns how many of its lines were left out, if any, and begins another minute.
     pub fn minute_over(&mut self, now_ms: u64) -> Option<u64> {
         if !self.is_over(now_ms) {

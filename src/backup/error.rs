@@ -111,6 +111,28 @@ pub enum BackupError {
         /// Needed.
         needed_mb: u64,
     },
+    /// The last number of a cycle is not known, and a number must not be used twice.
+    #[error(
+        "{} shows no later state of this store, so the number of the cell's last cycle is not known; state it with \
+         --last-cycle N, from the office's page of this cell or from the last record; the last one of the backup is {own}",
+        path.display()
+    )]
+    LastCycleUnknown {
+        /// The folder of the store that would be replaced.
+        path: PathBuf,
+        /// The last cycle in the backup; 0 if there is none.
+        own: i64,
+    },
+    /// The stated last cycle is below the last one of the backup.
+    #[error(
+        "--last-cycle {stated} is below {own}, the last cycle of the backup; state the last number that the cell used"
+    )]
+    LastCycleTooLow {
+        /// The stated number.
+        stated: i64,
+        /// The last cycle in the backup.
+        own: i64,
+    },
     /// A service, or another program, uses the files that would be replaced.
     #[error("{user}; stop it first (`systemctl stop panelprep`), then restore again")]
     InUse {

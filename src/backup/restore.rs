@@ -7,7 +7,7 @@ use super::read::Archive;
 use super::write::{Poured, poured};
 use crate::cell::{Camera, Cell};
 use crate::record::CycleId;
-use crate::store::{BLOBS, Lease, Store, StoreError, free_mb};
+use crate::store::{BLOBS, Lease, Restore, Store, StoreError, free_mb};
 use std::collections::BTreeMap;
 use std::fs::{self, File, Metadata};
 use std::io::{Read, Write};
@@ -48,6 +48,8 @@ pub struct Plan<'p> {
     pub wanted: RestoredParts,
     /// What may be replaced.
     pub permission: Permission,
+    /// The number of the cell's last cycle, as a person stated it. It is needed if the replaced store does not show it.
+    pub last_cycle: Option<CycleId>,
 }
 
 /// What was done.
@@ -108,8 +110,7 @@ pub fn restore(plan: &Plan<'_>) -> Result<Restored, BackupError> {
         lease = Some(Lease::acquire(folder)?);
     }
     let mut placing = Placing::default();
-    let replaced = store.as_deref().and_then(last_cycle);
-    let restored = placed(&archive, (store.as_deref(), replaced), &files, &mut placing);
+    let restored = placed(&archive, (store.as_deref(), plan.last_cycle), &files, &mut placing);
     let restored = match restored {
         Ok(restored) if restored.found.is_empty() => restored,
         Ok(restored) => return undone(placing, restored),
@@ -133,7 +134,7 @@ fn undone(placing: Placing, restored: Restored) -> Result<Restored, BackupError>
 /// Unpacks and verifies everything, and moves it to its final path.
 fn placed(
     archive: &Archive,
-    (store, replaced): (Option<&Path>, Option<CycleId>),
+    (store, last_cycle): (Option<&Path>, Option<CycleId>),
     files: &BTreeMap<PathBuf, Vec<u8>>,
     placing: &mut Placing,
 ) -> Result<Restored, BackupError> {
@@ -146,7 +147,8 @@ fn placed(
             return Ok(Restored { found: verified.found, ..restored });
         }
         (restored.links, restored.files) = (verified.links, verified.files);
-        Store::mark_restored(&staged, replaced).map_err(BackupError::Store)?;
+        let restore = since_backup(archive, (&staged, folder), last_cycle)?;
+        Store::mark_restored(&staged, &restore).map_err(BackupError::Store)?;
         like(&staged, folder.metadata().ok().as_ref()).map_err(BackupError::file("write", &staged))?;
         puts.push((staged, folder.to_owned()));
         restored.store = Some(folder.to_owned());
@@ -163,9 +165,32 @@ fn placed(
     Ok(restored)
 }
 
-/// Returns the last cycle of the store that is replaced; `None` if it cannot be read.
-fn last_cycle(folder: &Path) -> Option<CycleId> {
-    Store::open(folder).ok()?.last_cycle().ok()?
+/// Returns what is known about the time after the backup: from the replaced store, from the person, or from both.
+fn since_backup(
+    archive: &Archive,
+    (staged, replaced): (&Path, &Path),
+    stated: Option<CycleId>,
+) -> Result<Restore, BackupError> {
+    let own = Store::open(staged).and_then(|store| store.last_cycle()).map_err(BackupError::Store)?;
+    if let (Some(own), Some(stated)) = (own, stated)
+        && stated.0 < own.0
+    {
+        return Err(BackupError::LastCycleTooLow { stated: stated.0, own: own.0 });
+    }
+    let made_unix_s = archive.manifest.made_unix_s;
+    let shown = Store::compute_restore(replaced, staged, made_unix_s);
+    match (shown, stated) {
+        (None, None) => {
+            Err(BackupError::LastCycleUnknown { path: replaced.to_owned(), own: own.map_or(0, |own| own.0) })
+        }
+        (None, Some(last_cycle)) => {
+            Ok(Restore { last_cycle, made_unix_s: Some(made_unix_s), is_nothing_abraded: false })
+        }
+        (Some(shown), stated) => {
+            let last = stated.map_or(shown.last_cycle.0, |stated| stated.0.max(shown.last_cycle.0));
+            Ok(Restore { last_cycle: CycleId(last), ..shown })
+        }
+    }
 }
 
 /// Returns the error for a store of an earlier program: only that program can verify it.

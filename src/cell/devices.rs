@@ -1,5 +1,6 @@
 //! `[scanner]`, `[flange_camera]`, `[robot]`: the connected devices.
 
+use super::proof_stage::{ProofStage, Unsigned};
 use crate::config::{Choice, Section};
 use core::net::IpAddr;
 use std::path::{Path, PathBuf};
@@ -104,6 +105,7 @@ pub struct Robot {
     command_port: u16,
     state_port: u16,
     programs_sum: Option<i32>,
+    signed_stage: Option<ProofStage>,
 }
 
 impl Robot {
@@ -136,6 +138,24 @@ impl Robot {
     /// `None` if none was stored.
     pub fn programs_sum(&self) -> Option<i32> {
         self.programs_sum
+    }
+
+    /// Returns the last stage of the list of proofs that a person signed for this controller.
+    pub fn signed_stage(&self) -> Option<ProofStage> {
+        self.signed_stage
+    }
+
+    /// Checks that this stage of the list of proofs is signed. A mock controller, and one on this computer, which is a
+    /// rehearsal with `mock-robot`, need no proof.
+    ///
+    /// # Errors
+    /// If it is not signed.
+    pub fn requires_signed(&self, needed: ProofStage) -> Result<(), Unsigned> {
+        let is_real = self.kind == RobotKind::Eki && !self.is_on_this_machine();
+        if is_real && self.signed_stage < Some(needed) {
+            return Err(Unsigned { needed, signed: self.signed_stage });
+        }
+        Ok(())
     }
 
     /// Returns whether the controller's address can only be this machine's own.
@@ -181,8 +201,9 @@ pub(super) fn parse_robot(section: &Section<'_, '_>) -> Option<Robot> {
     let command_port = section.parse("command_port", PORTS, Some(54_600));
     let state_port = section.parse("state_port", PORTS, Some(54_601));
     let programs_sum = section.parse::<Option<usize>>("programs_sum", 0..=MAX_CHECKSUM, Some(None));
+    let signed_stage = section.parse::<Option<ProofStage>>("signed_stage", (), Some(None));
     section.done();
-    let (kind, controller, host) = (kind?, controller?, host?);
+    let (kind, controller, host, signed_stage) = (kind?, controller?, host?, signed_stage?);
     let (command_port, state_port, programs_sum) = (command_port?, state_port?, programs_sum?);
     if command_port == state_port {
         section.problem("state_port", format!("found {state_port}, valid: any port other than command_port's"));
@@ -221,5 +242,6 @@ pub(super) fn parse_robot(section: &Section<'_, '_>) -> Option<Robot> {
         command_port,
         state_port,
         programs_sum: programs_sum.and_then(|sum| i32::try_from(sum).ok()),
+        signed_stage,
     })
 }

@@ -3,7 +3,7 @@
 use super::line_signal::{LineSignal, parse_line_outputs};
 use crate::config::Section;
 use crate::geometry::Joints;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use strum::VariantArray;
 
 /// Reads `[poses]`: axis angles, since the arm moves to a named pose by `move_j`, which accepts nothing else.
@@ -102,8 +102,9 @@ pub const LOCAL_CONTROL: &str = "local_control";
 /// The output of the horn or lamp that warns before the first motion, by its name in `[io.outputs]`.
 pub const WARNING: &str = "warning";
 
-/// `[io.outputs]`, `[io.off_after_s]`, `[io.feedbacks]`, `[io.mapped_inputs]` and `[io.line_outputs]`: names for
-/// the controller's digital outputs and inputs, and which outputs its program switches off when an epoch ends.
+/// `[io.outputs]`, `[io.off_after_s]`, `[io.feedbacks]`, `[io.mapped_inputs]`, `[io.line_outputs]` and `[io]
+/// may_stay_on`: names for the controller's digital outputs and inputs, which outputs its program switches off when an
+/// epoch ends, and which may stay on.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct InputsOutputs {
     outputs: BTreeMap<String, u16>,
@@ -111,6 +112,7 @@ pub struct InputsOutputs {
     feedbacks: BTreeMap<String, u16>,
     mapped_inputs: BTreeMap<String, u16>,
     line_outputs: BTreeMap<String, u16>,
+    may_stay_on: BTreeSet<String>,
 }
 
 impl InputsOutputs {
@@ -133,6 +135,17 @@ impl InputsOutputs {
     /// and water at once. An output without an entry does not change, for example the lens shutter.
     pub fn off_after_s(&self) -> &BTreeMap<String, u16> {
         &self.off_after_s
+    }
+
+    /// Returns the outputs of which the cell's file states neither when the end of an epoch switches them off nor that
+    /// they may stay on. The lens shutter always stays.
+    pub fn undecided(&self) -> Vec<&str> {
+        let is_decided = |name: &str| {
+            name == Output::LensShutter.name()
+                || self.off_after_s.contains_key(name)
+                || self.may_stay_on.contains(name)
+        };
+        self.outputs.keys().map(String::as_str).filter(|name| !is_decided(name)).collect()
     }
 
     /// Returns the number of the output that reports this signal to a line.
@@ -222,11 +235,13 @@ pub(super) fn parse_io(section: &Section<'_, '_>) -> Option<InputsOutputs> {
     let mapped = section.section("mapped_inputs");
     let off_after = section.section("off_after_s");
     let line_outputs = section.section("line_outputs");
+    let staying = section.parse::<Option<Vec<String>>>("may_stay_on", (), Some(None));
     section.done();
     let (outputs, feedbacks_taken, mapped_taken) =
         (parse_numbers(&outputs), parse_numbers(&feedbacks), parse_numbers(&mapped));
     let outputs = outputs?;
     let off_after_s = parse_off_after(&off_after, &outputs);
+    let may_stay_on = parse_staying(section, staying?, (&outputs, off_after_s.as_ref()));
     let line_numbers = parse_numbers(&line_outputs);
     let line_outputs = parse_line_outputs(&line_outputs, line_numbers?, &outputs);
     let io = InputsOutputs {
@@ -235,6 +250,7 @@ pub(super) fn parse_io(section: &Section<'_, '_>) -> Option<InputsOutputs> {
         feedbacks: feedbacks_taken?,
         mapped_inputs: mapped_taken?,
         line_outputs: line_outputs?,
+        may_stay_on: may_stay_on?,
     };
     let constant: Vec<_> = io.feedbacks.iter().filter(|(_, number)| [1025, 1026].contains(*number)).collect();
     for (name, number) in &constant {
@@ -284,6 +300,33 @@ fn parse_off_after(section: &Section<'_, '_>, outputs: &BTreeMap<String, u16>) -
         usual.filter(|(name, _)| outputs.contains_key(*name)).map(|(name, s)| (name.to_owned(), s)).collect();
     all.extend(stated);
     right.then_some(all)
+}
+
+/// Reads `may_stay_on`: the outputs that the controller's program does not switch off after the end of an epoch.
+fn parse_staying(
+    section: &Section<'_, '_>,
+    stated: Option<Vec<String>>,
+    (outputs, off_after_s): (&BTreeMap<String, u16>, Option<&BTreeMap<String, u16>>),
+) -> Option<BTreeSet<String>> {
+    let stated = stated.unwrap_or_default();
+    let mut right = true;
+    for name in &stated {
+        let wrong = if OFF_AT_ONCE.contains(&name.as_str()) {
+            "tool and water go off at once; remove it".to_owned()
+        } else if !outputs.contains_key(name) {
+            let names = outputs.keys().map(String::as_str).collect::<Vec<_>>().join(", ");
+            format!("it is no output of [io.outputs]; valid: {names}")
+        } else if let Some(after_s) = off_after_s.and_then(|all| all.get(name)) {
+            format!(
+                "it goes off {after_s} s after the end of an epoch ([io.off_after_s], or its usual time); remove one"
+            )
+        } else {
+            continue;
+        };
+        section.problem("may_stay_on", format!("found \"{name}\"; {wrong}"));
+        right = false;
+    }
+    right.then(|| stated.into_iter().collect())
 }
 
 fn parse_numbers(section: &Section<'_, '_>) -> Option<BTreeMap<String, u16>> {

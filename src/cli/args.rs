@@ -25,7 +25,7 @@ pub use package_files::PackageFiles;
 pub use people::{User, UserTask};
 pub use record::{ExportRecord, HeadOfRecords, MeaningName, RecordCommand, RecordTask, SignRecord, VerifyRecord};
 pub use robot::{OnOff, Prove, Robot, RobotFunction, TipName};
-pub use service::{Ctl, CtlAsk, Cycle, Decision, PartArguments, Run, ZividWorker};
+pub use service::{CountArguments, Ctl, CtlAsk, Cycle, Decision, PartArguments, Run, ZividWorker};
 pub use shooting::{Shoot, Shot};
 pub use simulated::{Demo, FilmName, MockRobot, Render, ToolName, real_arm, scanner_distortion};
 pub use simulation::{SceneName, Simulation};

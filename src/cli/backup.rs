@@ -7,6 +7,7 @@ use super::load::CellFiles;
 use super::outcome::Outcome;
 use crate::backup::{self, BackupError, Configuration, Permission, Plan, RestoredParts, named_files};
 use crate::check::check_file;
+use crate::record::CycleId;
 use crate::verdict::{Judgement, Reason, Verdict};
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -131,6 +132,7 @@ pub fn restore(args: &Restore, common: &Common) -> Result<Outcome, Fault> {
             replace_configuration: args.replace.contains(&BackupPart::Configuration),
             outside: args.outside,
         },
+        last_cycle: args.last_cycle.map(CycleId),
     };
     let restored = match backup::restore(&plan) {
         Ok(restored) => restored,

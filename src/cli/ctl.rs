@@ -37,12 +37,13 @@ pub fn run(args: &Ctl, common: &Common) -> Result<Outcome, Fault> {
 
 fn what(ask: &CtlAsk, socket: &Path) -> Result<RequestKind, Fault> {
     Ok(match ask {
-        CtlAsk::Start { recipe, record, part, another_part, .. } => RequestKind::Start(StartRequest {
+        CtlAsk::Start { recipe, record, part, count, .. } => RequestKind::Start(StartRequest {
             recipe: recipe.display().to_string(),
             text: disk::read_text(recipe)?,
             record: record.as_ref().map(|file| record_in(file.as_deref())).transpose()?,
             part: part::checked(part.names())?,
-            another_part: *another_part,
+            another_part: count.another_part,
+            lost_passes: count.lost_passes,
             own_text: OwnText::default(),
         }),
         CtlAsk::Hold => RequestKind::Table(Request::Hold),

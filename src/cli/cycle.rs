@@ -2,7 +2,7 @@
 
 use super::args::{Common, Cycle, Simulation};
 use super::cycle_files::{Calibrated, TaughtRecipe};
-use super::fault::Fault;
+use super::fault::{DeviceFault, Fault};
 use super::health;
 use super::interrupts::Interrupts;
 use super::live::{FlangeLink, Live, Simulated};
@@ -12,7 +12,7 @@ use super::record as signed;
 use super::recording;
 use super::report::{self, StoredCycle};
 use super::work_done;
-use crate::cell::Cell;
+use crate::cell::{Cell, ProofStage};
 use crate::cycle::{self, At, Event, Hold, Phase, Refusal, Report, Robot, State, Why};
 use crate::daemon::{
     self, Calibrations, Computing, LiveView, LoopEvent, LoopOutcome, LoopStart, Ports, RecordPort as _, Recorded,
@@ -65,9 +65,11 @@ pub struct Run<'r> {
 /// Runs the cycle and reports how it ended.
 ///
 /// # Errors
-/// If a file is invalid, the store contains an unfinished motion, or the store cannot be written.
+/// If a file is invalid, a stage that the motion needs is not signed, the store contains an unfinished motion, or the
+/// store cannot be written.
 pub fn run(args: &Cycle, common: &Common, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
-    once(args, common, progress, TaughtRecipe::request)
+    let needed = if args.on_foam { ProofStage::B } else { ProofStage::C };
+    once(args, common, progress, (TaughtRecipe::request, needed))
 }
 
 /// Runs an air-run: no water, no tool, no contact; the path covers all grids.
@@ -75,21 +77,26 @@ pub fn run(args: &Cycle, common: &Common, progress: &dyn Fn(&str)) -> Result<Out
 /// # Errors
 /// As [`run`].
 pub fn air_run(args: &Cycle, common: &Common, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
-    once(args, common, progress, TaughtRecipe::air_request)
+    if args.on_foam {
+        return Err(DeviceFault::FoamInTheAir.into());
+    }
+    once(args, common, progress, (TaughtRecipe::air_request, ProofStage::A))
 }
 
 fn once(
     args: &Cycle,
     common: &Common,
     progress: &dyn Fn(&str),
-    request: fn(&TaughtRecipe) -> cycle::Request,
+    (request, needed): (fn(&TaughtRecipe) -> cycle::Request, ProofStage),
 ) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     files.require(Purpose::Cycle)?;
+    files.cell.robot().requires_signed(needed).map_err(DeviceFault::from)?;
     if let Some(file) = &args.record {
         recording::named_by_a_command(file, files.store_folder())?;
     }
-    let taught_recipe = TaughtRecipe::read(&files, &args.recipe)?.about(&files, Some(args.part.names()))?;
+    let taught_recipe =
+        TaughtRecipe::read(&files, &args.recipe)?.about(&files, Some(args.part.names()), args.count)?;
     // An air-run abrades nothing, so that the limit of passes does not apply.
     if matches!(request(&taught_recipe), cycle::Request::Start { .. }) {
         taught_recipe.part_may_be_abraded()?;
@@ -169,8 +176,10 @@ pub fn one(
         world.mount_disc(taught_recipe.recipe.path().disc_diameter_mm());
     }
     let named = record.map(|file| RecordingFile::Named(file.display().to_string()));
-    let start = CycleStart { recording: named, ..taught_recipe.start(calibrated)? };
-    let mut once = Once::new(request(taught_recipe), interrupts.clone(), progress);
+    let request = request(taught_recipe);
+    let is_air_run = matches!(request, cycle::Request::AirRun { .. });
+    let start = CycleStart { recording: named, is_air_run, ..taught_recipe.start(calibrated)? };
+    let mut once = Once::new(request, interrupts.clone(), progress);
     let state = store.state().map_err(Fault::stage)?;
     let lock_step = live.robot.is_lock_step();
     let recording = RecordingSwitch::new(files.store_folder(), lock_step);

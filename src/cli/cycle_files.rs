@@ -1,9 +1,9 @@
 //! The files that a cycle uses: the recipe, the taught data of its panel, the calibrations, and the texts of all of
 //! them for the record.
 
-use super::args::Common;
+use super::args::{Common, CountArguments};
 use super::disk;
-use super::fault::Fault;
+use super::fault::{Fault, RecordFault};
 use super::load::{self, CellFiles, Taught};
 use super::part;
 use super::zivid;
@@ -17,7 +17,7 @@ use crate::record::PartNames;
 use crate::requirements::problems_of;
 use crate::requirements::recipe_fits::{plausible, unfit};
 use crate::stages::removal::RemovedBefore;
-use crate::store::{CycleStart, PassesOfCycle};
+use crate::store::{CycleStart, LostCount, PassesOfCycle};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -83,6 +83,10 @@ pub struct TaughtRecipe {
     part: Option<PartNames>,
     /// Earlier cycles that abraded the same part, if its serial number is given.
     earlier: Vec<PassesOfCycle>,
+    /// What was stated about the part's abrasions.
+    count: CountArguments,
+    /// Why the part's abrasions cannot be counted without such a statement.
+    lost: Option<LostCount>,
 }
 
 impl TaughtRecipe {
@@ -107,28 +111,51 @@ impl TaughtRecipe {
             return Err(Problems { file: name, list: problems_of(&recipe_text, unfit) }.into());
         }
         let taught = load::taught(files, recipe_file, &recipe)?;
-        Ok(TaughtRecipe { recipe, recipe_text, taught, part: None, earlier: vec![] })
+        Ok(TaughtRecipe {
+            recipe,
+            recipe_text,
+            taught,
+            part: None,
+            earlier: vec![],
+            count: CountArguments::default(),
+            lost: None,
+        })
     }
 
-    /// Adds this part, whose names are stored with the cycle. Passes in earlier cycles of the part count.
+    /// Adds this part, whose names are stored with the cycle, and what was stated about its abrasions. Passes in
+    /// earlier cycles of the part count.
     ///
     /// # Errors
     /// If a name is not valid, or the store cannot be read.
-    pub fn about(self, files: &CellFiles, part: Option<PartNames>) -> Result<Self, Fault> {
+    pub fn about(self, files: &CellFiles, part: Option<PartNames>, count: CountArguments) -> Result<Self, Fault> {
         let part = part::checked(part.unwrap_or_default())?;
-        let earlier = match part.as_ref().and_then(|part| part.serial.as_ref()) {
-            Some(serial) => files.store()?.passes_of_serial(serial, None).map_err(Fault::stage)?,
+        let serial = part.as_ref().and_then(|part| part.serial.as_deref());
+        let store = files.store()?;
+        let earlier = match serial {
+            Some(serial) => store.passes_of_serial(serial, None).map_err(Fault::stage)?,
             None => vec![],
         };
-        Ok(TaughtRecipe { part, earlier, ..self })
+        let lost = store.lost_count(self.recipe.panel(), serial.unwrap_or_default()).map_err(Fault::stage)?;
+        Ok(TaughtRecipe { part, earlier, count, lost, ..self })
     }
 
-    /// Checks by `[process] max_passes_per_part` that the part may be abraded once more.
+    /// Checks that the part's abrasions can be counted, and by `[process] max_passes_per_part` that it may be abraded
+    /// once more.
     ///
     /// # Errors
-    /// If earlier cycles have used all allowed passes; each cycle is named with its passes.
+    /// If earlier cycles have used all allowed passes; each cycle is named with its passes. If the store was restored
+    /// and nothing was stated about the part.
     pub fn part_may_be_abraded(&self) -> Result<(), Fault> {
-        part::may_be_abraded(self.part.as_ref(), &self.earlier, self.recipe.process().passes_of_a_part())
+        let is_stated = self.count.another_part || self.count.lost_passes.is_some();
+        if let (Some(lost), false) = (&self.lost, is_stated) {
+            return Err(RecordFault::CountUnknown(lost.clone()).into());
+        }
+        let most = self.recipe.process().passes_of_a_part();
+        part::may_be_abraded(self.part.as_ref(), (&self.earlier, self.lost_passes()), most)
+    }
+
+    fn lost_passes(&self) -> u8 {
+        self.count.lost_passes.unwrap_or(0)
     }
 
     /// Prepares a cycle for the service to begin.
@@ -165,12 +192,16 @@ impl TaughtRecipe {
         let part = self.part.as_ref().map(part::text).transpose()?.map(|text| (PartNames::FILE, text));
         let before = self.removed_before_text()?;
         let texts = calibrated.texts.iter().chain(&part).chain(&before);
+        let texts = texts.map(|(name, text)| ((*name).to_owned(), text.clone()));
+        let another = self.count.another_part.then(part::another);
+        let lost = self.count.lost_passes.map(part::lost).transpose()?;
         Ok(CycleStart {
             panel: self.recipe.panel().to_owned(),
             taught_version: self.taught.version.clone(),
             recipe_text: self.recipe_text.clone(),
-            file_texts: texts.map(|(name, text)| ((*name).to_owned(), text.clone())).collect(),
+            file_texts: texts.chain(another).chain(lost).collect(),
             recording: None,
+            is_air_run: false,
         })
     }
 
@@ -188,7 +219,8 @@ impl TaughtRecipe {
     /// The removal on the part by earlier cycles: the last of them states the total of all.
     fn removed_before(&self) -> RemovedBefore {
         let known = self.earlier.iter().filter_map(|cycle| cycle.removed_um);
-        let unknown = self.earlier.iter().filter(|cycle| cycle.removed_um.is_none()).count();
+        let unknown = self.earlier.iter().filter(|cycle| cycle.removed_um.is_none()).count()
+            + usize::from(self.lost_passes() > 0);
         let is_asked = self.recipe.removal().is_some();
         let found = RemovedBefore { bound_um: known.fold(0.0, f64::max), unknown };
         if is_asked { found } else { RemovedBefore::default() }
@@ -203,7 +235,7 @@ impl TaughtRecipe {
     }
 
     fn passes_before(&self) -> usize {
-        self.earlier.iter().map(|cycle| cycle.passes).sum()
+        self.earlier.iter().map(|cycle| cycle.passes).sum::<usize>() + usize::from(self.lost_passes())
     }
 
     /// The request to the cycle's state table to begin an air-run.

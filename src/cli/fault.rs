@@ -207,6 +207,7 @@ impl Fault {
     pub fn code(&self) -> (u8, &'static str) {
         match self {
             Fault::Broken(_) => (3, "program_fault"),
+            Fault::Device(DeviceFault::Unsigned(_)) => (2, "stage_not_signed"),
             _ => (2, "bad_input"),
         }
     }

@@ -65,6 +65,7 @@ mod score_runs;
 mod service_request;
 mod setup_source;
 mod shoot;
+mod signed;
 mod store;
 mod teach;
 mod tool_fault_score;

@@ -3,7 +3,7 @@
 
 use super::fault::{Fault, RecordFault};
 use crate::number_text::{printable, utc_day};
-use crate::record::{ANOTHER_PART, CycleRecord, PartNames};
+use crate::record::{ANOTHER_PART, CycleRecord, LostPasses, PartNames};
 use crate::report::page::{Row, Section};
 use crate::store::{PassesOfCycle, Store};
 
@@ -42,24 +42,44 @@ pub fn another() -> (String, String) {
     )
 }
 
-/// Checks that a part may be abraded once more after these cycles if `most` passes are allowed.
+/// Returns the text with which a start records how many passes the part had in lost cycles.
+///
+/// # Errors
+/// If it cannot be written as TOML.
+pub fn lost(passes: u8) -> Result<(String, String), Fault> {
+    Ok((LostPasses::FILE.to_owned(), toml::to_string(&LostPasses { passes }).map_err(Fault::stage)?))
+}
+
+/// Checks that a part may be abraded once more after these cycles, and after this number of passes in lost cycles, if
+/// `most` passes are allowed.
 ///
 /// # Errors
 /// If the part has already had this number of passes; each cycle is named.
-pub fn may_be_abraded(part: Option<&PartNames>, earlier: &[PassesOfCycle], most: usize) -> Result<(), Fault> {
+pub fn may_be_abraded(
+    part: Option<&PartNames>,
+    (earlier, lost): (&[PassesOfCycle], u8),
+    most: usize,
+) -> Result<(), Fault> {
     let serial = part.and_then(|part| part.serial.clone()).unwrap_or_default();
-    let used: usize = earlier.iter().map(|cycle| cycle.passes).sum();
-    match used < most {
-        true => Ok(()),
-        false => Err(RecordFault::PartUsedUp { serial, most, history: history(earlier) }.into()),
+    let used: usize = earlier.iter().map(|cycle| cycle.passes).sum::<usize>() + usize::from(lost);
+    if used < most {
+        return Ok(());
     }
+    let stated = (lost > 0).then(|| format!("lost cycles, as stated: {}", counted(usize::from(lost))));
+    let known = (!earlier.is_empty()).then(|| history(earlier));
+    let history = known.into_iter().chain(stated).collect::<Vec<_>>().join("; ");
+    Err(RecordFault::PartUsedUp { serial, most, history }.into())
+}
+
+/// Returns a number of passes with its noun.
+fn counted(passes: usize) -> String {
+    if passes == 1 { "1 pass".to_owned() } else { format!("{passes} passes") }
 }
 
 /// Describes cycles with their numbers of passes, in words.
 pub fn history(earlier: &[PassesOfCycle]) -> String {
     let words = |PassesOfCycle { cycle, started_unix_s, passes, .. }: &PassesOfCycle| {
-        let passes = if *passes == 1 { "1 pass".to_owned() } else { format!("{passes} passes") };
-        format!("cycle {cycle} of {}: {passes}", utc_day(*started_unix_s))
+        format!("cycle {cycle} of {}: {}", utc_day(*started_unix_s), counted(*passes))
     };
     earlier.iter().map(words).collect::<Vec<_>>().join("; ")
 }
@@ -99,11 +119,13 @@ mod tests {
         };
         let earlier = [cycle(4, 2), cycle(9, 1)];
         let part = PartNames { serial: Some("SN 17".to_owned()), ..PartNames::default() };
-        assert!(may_be_abraded(Some(&part), &earlier, 4).is_ok() && may_be_abraded(None, &[], 1).is_ok());
-        let refused = may_be_abraded(Some(&part), &earlier, 3).expect_err("used up").to_string();
+        assert!(may_be_abraded(Some(&part), (&earlier, 0), 4).is_ok() && may_be_abraded(None, (&[], 0), 1).is_ok());
+        let refused = may_be_abraded(Some(&part), (&earlier, 0), 3).expect_err("used up").to_string();
         let words = "the part SN 17 has reached the limit of 3 passes ([process] max_passes_per_part): cycle 4 of \
                      1970-01-05: 2 passes; cycle 9 of 1970-01-10: 1 pass; take it out";
         assert!(refused.starts_with(words), "{refused}");
+        let refused = may_be_abraded(Some(&part), (&earlier, 1), 4).expect_err("a stated pass counts").to_string();
+        assert!(refused.contains("1 pass; lost cycles, as stated: 1 pass; take it out"), "{refused}");
     }
 
     #[test]

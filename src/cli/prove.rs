@@ -7,6 +7,8 @@
 
 mod page;
 mod proof;
+mod raw_client;
+mod table;
 mod unattended;
 
 use super::args::Prove;
@@ -14,33 +16,37 @@ use super::fault::{DeviceFault, Fault};
 use super::live;
 use super::load::CellFiles;
 use super::outcome::Outcome;
-use crate::cell::RobotKind;
+use crate::cell::{ProofStage, RobotKind};
 use crate::requirements::Purpose;
 use crate::verdict::{Judgement, Reason, Verdict};
 use proof::{Assumption, Finding, Proof};
 use serde_json::json;
 use std::io::BufRead;
+use table::{INSTALLATION, assumptions};
 use unattended::ControllerKind;
 
-/// The installation page with the table of assumptions to go through.
-const INSTALLATION: &str = include_str!("../../config/kuka/README.md");
-/// Rows of the table that need the tool in contact, or a panel: this command cannot prove them.
-const IN_CONTACT: [u32; 5] = [20, 21, 22, 40, 51];
-
-/// Goes through the table and writes the page.
+/// Goes through the rows of a stage and writes its page.
 ///
 /// # Errors
-/// If the cell's robot is not a controller with two ports, another program holds the store, or the page exists
-/// already or cannot be written.
+/// If the cell's robot is not a controller with two ports, the stage before is not signed, another program holds the
+/// store, or the page exists already or cannot be written.
 pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     files.require(Purpose::Robot)?;
     if files.cell.robot().kind() != RobotKind::Eki {
         return Err(DeviceFault::NothingToProve.into());
     }
-    let _store = files.settled_store()?;
+    // The store is free while a person is asked: that person uses other commands of this program meanwhile.
+    drop(files.settled_store()?);
     let (robot, _) = live::robot_alone(&files.cell)?;
     drop(robot);
     let mut controller = unattended::controller(&files.cell)?;
+    let signed = files.cell.robot().signed_stage();
+    let stage = args.stage.unwrap_or_else(|| ProofStage::after(signed));
+    if let Some(before) =
+        stage.before().filter(|before| signed < Some(*before) && controller != ControllerKind::Mock)
+    {
+        return Err(DeviceFault::ProvenTooEarly { stage, before }.into());
+    }
     let page = |proofs: &[Proof], controller| page::render(proofs, &args.by, (files.cell.robot(), controller));
     // The page is written before the first question: after a day's work at the controller, it must be possible to
     // store the answers.
@@ -51,19 +57,25 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
              to sign",
         );
     }
+    let rows: Vec<Assumption> = assumptions(INSTALLATION).into_iter().filter(|row| row.stage == stage).collect();
+    tell(&format!("stage {}, {} rows; {}", stage.letter(), rows.len(), stage.conditions()));
     let mut answers = std::io::stdin().lock().lines().map_while(Result::ok);
-    let mut proofs = Vec::new();
-    for assumption in assumptions(INSTALLATION) {
+    let mut proofs: Vec<Proof> = Vec::new();
+    // The trials of this program come first: in T1 a person holds the start key during them, and not afterwards.
+    let (tried, asked): (Vec<_>, Vec<_>) =
+        rows.into_iter().partition(|row| unattended::for_row(row.number).is_some());
+    for assumption in tried.into_iter().chain(asked) {
         tell(&format!("{}. {}", assumption.number, assumption.assumed));
         let proof = match unattended::for_row(assumption.number) {
             Some(attempt) => {
-                let (finding, evidence) = attempt(&files.cell)?;
+                let (finding, evidence) = attempted(files, attempt)?;
                 Proof { assumption, finding, evidence, tried: true }
             }
             None => ask(assumption, &mut answers, tell),
         };
         tell(&format!("   {}: {}", proof.finding.word(), proof.evidence));
         proofs.push(proof);
+        proofs.sort_by_key(|proof| proof.assumption.number);
         super::disk::write(&args.out, page(&proofs, controller))?;
     }
     // The tests are valid only for the controller that also answers now: a controller may not have answered at first,
@@ -82,33 +94,44 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
         })
         .collect();
     outcome.put("proofs", json!(rows));
+    outcome.put("stage", json!(stage.letter()));
     outcome.put("mock", json!(is_mock));
     outcome.put("page", json!(args.out.display().to_string()));
     let page = args.out.display();
+    let unproven = proofs.iter().filter(|proof| proof.finding != Finding::Proven).count();
     outcome.add_line(match controller {
+        ControllerKind::Real if unproven > 0 => {
+            let stage = stage.letter();
+            format!("page: {page}; stage {stage} cannot be signed: {unproven} rows are wrong or open")
+        }
         ControllerKind::Mock => format!("page: {page}; from a rehearsal on a mock controller, nothing to sign"),
         ControllerKind::Unknown => {
             format!(
                 "page: {page}; no controller answered at the beginning or at the end: nothing to sign; prove again"
             )
         }
-        ControllerKind::Real => format!("page: {page}; print it, sign it, and keep it with the cell's file"),
+        ControllerKind::Real => format!(
+            "page: {page}; print it, sign it, and keep it with the cell's file; then set signed_stage = \"{}\" in [robot]",
+            stage.letter()
+        ),
     });
     Ok(outcome)
 }
 
+/// Tries a row, with the store held, so that no other program of this cell uses the controller meanwhile.
+fn attempted(files: &CellFiles, attempt: unattended::Attempt) -> Result<(Finding, String), Fault> {
+    match files.settled_store() {
+        Ok(_store) => attempt(&files.cell),
+        Err(fault) => Ok((Finding::Open, fault.to_string())),
+    }
+}
+
 /// Asks the person for the observation: `y`, `n` or nothing, followed by the evidence.
 fn ask(assumption: Assumption, answers: &mut dyn Iterator<Item = String>, tell: &dyn Fn(&str)) -> Proof {
-    let contact = IN_CONTACT.contains(&assumption.number);
-    tell(&format!("   {}", assumption.to_do));
-    let (finding, evidence) = if contact {
-        (Finding::Open, "needs the tool on the panel: by hand, when all others are proven".to_owned())
-    } else {
-        tell(
-            "   Seen as expected? y or n, then a space and the evidence (trace, film, figure); Enter leaves it open.",
-        );
-        answer(&answers.next().unwrap_or_default())
-    };
+    tell(&format!("   Do: {}", assumption.to_do));
+    tell(&format!("   See: {}", assumption.to_see));
+    tell("   Seen as expected? y or n, then a space and the evidence (trace, film, figure); Enter leaves it open.");
+    let (finding, evidence) = answer(&answers.next().unwrap_or_default());
     Proof { assumption, finding, evidence, tried: false }
 }
 
@@ -145,30 +168,9 @@ fn judgement(proofs: &[Proof], is_mock: bool) -> Judgement {
     Judgement { verdict, reasons }
 }
 
-/// The rows of the table "To be proven".
-fn assumptions(page: &str) -> Vec<Assumption> {
-    let table = page.split("\n## To be proven\n").nth(1).and_then(|rest| rest.split("\n## ").next());
-    let row = |line: &str| {
-        let mut cells = line.trim().trim_matches('|').split(" | ").map(str::trim);
-        let number = cells.next()?.parse().ok()?;
-        Some(Assumption { number, assumed: cells.next()?.to_owned(), to_do: cells.next()?.to_owned() })
-    };
-    table.unwrap_or_default().lines().filter_map(row).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn every_row_of_the_page_is_gone_through() {
-        let rows = assumptions(INSTALLATION);
-        let numbers: Vec<u32> = rows.iter().map(|row| row.number).collect();
-        assert!(numbers.len() >= 47, "{numbers:?}");
-        assert_eq!(numbers, (1..=numbers.len() as u32).collect::<Vec<_>>());
-        assert!(rows.iter().all(|row| !row.to_do.is_empty() && !row.to_do.ends_with('|')));
-        assert!(IN_CONTACT.iter().all(|number| numbers.contains(number)));
-    }
 
     #[test]
     fn an_answer_without_evidence_proves_nothing() {

@@ -6,6 +6,7 @@ use super::fault::Fault;
 use super::live;
 use super::load::CellFiles;
 use super::outcome::Outcome;
+use super::signed;
 use crate::cell::{Cell, InputsOutputs, RobotKind};
 use crate::daemon::{Line, Single, SingleError, speeds};
 use crate::eki::{Command, SetTcp, Signal, State, TcpKind};
@@ -130,6 +131,9 @@ impl RobotAction {
     }
 
     fn perform(&self, single: &mut Single<'_>, cell: &Cell) -> Result<(), SingleError> {
+        if matches!(self, RobotAction::MoveJ(..) | RobotAction::MoveLin(_) | RobotAction::Call(_)) {
+            signed::permits_motion(single.state().mode, single.state().is_of_mock(), cell)?;
+        }
         match self {
             // While the arm moves, axes and tip may be reported for different moments.
             RobotAction::State if single.state().moving => Ok(()),
@@ -138,7 +142,7 @@ impl RobotAction {
             RobotAction::State => single.is_the_cells_arm(cell).map_err(not_this_arm),
             RobotAction::MoveJ(joints, percent) => single.move_joints(*joints, *percent, cell),
             RobotAction::MoveLin(line) => single.move_line(line, cell),
-            RobotAction::Set(command) => single.set(*command),
+            RobotAction::Set(command) => single.set(*command, cell),
             RobotAction::Call(index) => single.call(*index, cell),
             RobotAction::SetOut { name, on, keep } => single.set_output(name, *on, cell, *keep),
         }

@@ -1,6 +1,6 @@
 //! `panelprep run`: the service of a configured cell.
 
-use super::args::{Common, Run};
+use super::args::{Common, CountArguments, Run};
 use super::cycle_files::{Calibrated, TaughtRecipe};
 use super::disk;
 use super::fault::{DeviceFault, Fault, RecordFault};
@@ -9,12 +9,12 @@ use super::interfaces::{Fronts, edge_node, line_front, office_sender, opcua_serv
 use super::live::Live;
 use super::load::{CellFiles, calibrated_serial};
 use super::outcome::Outcome;
-use super::part;
 use super::person::Person;
 use super::record;
 use super::recording;
 use super::report::{self, StoredCycle};
 use super::zivid;
+use crate::cell::ProofStage;
 use crate::cycle::{At, Cause, State};
 use crate::daemon::{
     self, CellSetup, Computing, EndedCycle, Gateway, LastWrittenPage, LiveView, Loader, LoopEvent, LoopStart,
@@ -264,7 +264,8 @@ fn loader(
     world: Option<SimulatedWorld>,
 ) -> Arc<Loader> {
     let one_at_a_time = Mutex::new(());
-    Arc::new(move |StartRequest { recipe: name, text, record, part, another_part, own_text }| {
+    Arc::new(move |request: StartRequest| {
+        let StartRequest { recipe: name, text, record, part, another_part, lost_passes, own_text } = request;
         // A file on a disk that hangs must not block the connections of clients that request a stop.
         let Ok(_turn) = one_at_a_time.try_lock() else {
             return Err(vec![Reason::new("busy", "another start is being read; try again after it is answered")]);
@@ -277,13 +278,17 @@ fn loader(
         if let (Some(foreign), OwnText::Refused) = (&foreign, own_text) {
             return Err(vec![not_permitted(foreign)]);
         }
+        if let Err(unsigned) = files.cell.robot().requires_signed(ProofStage::C) {
+            return Err(vec![Reason::new("stage_not_signed", unsigned.to_string())]);
+        }
         let load = || -> Result<_, Fault> {
             if cameras_by(&files)? != taken_by {
                 return Err(DeviceFault::CamerasChanged.into());
             }
             let calibrated = Calibrated::read(&files, &common)?;
             let taught_recipe = TaughtRecipe::from_text(&files, Path::new(&name), text.clone())?;
-            let taught_recipe = taught_recipe.about(&files, part.clone())?;
+            let taught_recipe =
+                taught_recipe.about(&files, part.clone(), CountArguments { another_part, lost_passes })?;
             if let Some(world) = &world {
                 world.mount_disc(taught_recipe.recipe.path().disc_diameter_mm());
             }
@@ -305,17 +310,14 @@ fn loader(
             let mut prepared =
                 PreparedCycle { recording: record, ..taught_recipe.prepared(cell.clone(), &calibrated)? };
             prepared.start.recording = named;
-            if another_part {
-                prepared.start.file_texts.push(part::another());
-            }
             prepared.remarks.extend(foreign.clone());
             Ok(prepared)
         };
         load().map_err(|fault| {
-            let code = if matches!(fault, Fault::Record(RecordFault::PartUsedUp { .. })) {
-                "part_used_up"
-            } else {
-                "bad_input"
+            let code = match fault {
+                Fault::Record(RecordFault::PartUsedUp { .. }) => "part_used_up",
+                Fault::Record(RecordFault::CountUnknown(_)) => "count_unknown",
+                _ => "bad_input",
             };
             vec![Reason::new(code, fault.to_string())]
         })

@@ -133,7 +133,7 @@ impl SetupSource for FolderSource {
     }
 
     fn examine(&self) -> Vec<Examined> {
-        let checks = doctor::examined(&Doctor { kuka: None, warm_up: false }, &self.common);
+        let checks = doctor::examined(&Doctor { kuka: None, accept: false, warm_up: false }, &self.common);
         let examined = checks.into_iter().map(|check| Examined {
             is_right: check.is_right(),
             name: check.name,

@@ -1,10 +1,13 @@
 //! Finds contradictions between the controller's files and the cell's file. Each is named with the file, the line
 //! and the key at which a person corrects it; untouched files of a correct cell give none.
 
+use super::called;
 use super::data::Compared;
+use super::declared::declarations;
 use super::difference::{Difference, Found};
-use super::names::{COMMANDS, CONFIG, MOTION, STATES};
+use super::names::{COMMANDS, CONFIG, MOTION, STATES, SUBMIT, USER};
 use super::stated::DataList;
+use super::sum::base_name;
 use crate::cell::{Cell, RobotKind};
 use crate::eki::{CELLCMD, CELLSTAT, ChannelFile, Element};
 
@@ -19,15 +22,62 @@ pub struct ControllerFiles<'a> {
     pub commands: Option<&'a str>,
     /// `CELLSTAT.xml`.
     pub states: Option<&'a str>,
+    /// `cell_user.src`.
+    pub user: Option<&'a str>,
+    /// `sps.sub`.
+    pub submit: Option<&'a str>,
+    /// The addresses of the controller, if the cell's file has its name and the name was resolved.
+    pub host_addresses: &'a [[u8; 4]],
 }
 
-/// Returns all contradictions of these files with each other or with the cell's file.
-pub fn differences(files: &ControllerFiles<'_>, cell: &Cell) -> Vec<Difference> {
+impl<'a> ControllerFiles<'a> {
+    /// Finds the files among others, each given by its name and its text.
+    pub fn among(files: &[(&str, &'a str)]) -> Self {
+        let text = |name: &str| {
+            files.iter().find(|(file, _)| base_name(file).eq_ignore_ascii_case(name)).map(|(_, text)| *text)
+        };
+        ControllerFiles {
+            config: text(CONFIG),
+            motion: text(MOTION),
+            commands: text(COMMANDS),
+            states: text(STATES),
+            user: text(USER),
+            submit: text(SUBMIT),
+            host_addresses: &[],
+        }
+    }
+}
+
+/// The result of a comparison.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Comparison {
+    /// The contradictions.
+    pub differences: Vec<Difference>,
+    /// What could not be compared, and why.
+    pub not_compared: Vec<String>,
+}
+
+/// Returns the contradictions among the controller's programs, which need no cell.
+pub fn among_programs(files: &ControllerFiles<'_>) -> Vec<Difference> {
     let mut found = Found::default();
     let config = files.config.map(|text| DataList::parse(CONFIG, text));
     if let Some(config) = &config {
-        Compared { config, cell, found: &mut found }.all();
+        declarations(config, &mut found);
     }
+    found.calls(files, config.as_ref());
+    found.0
+}
+
+/// Returns all contradictions of these files with each other or with the cell's file.
+pub fn compare(files: &ControllerFiles<'_>, cell: &Cell) -> Comparison {
+    let mut found = Found::default();
+    let mut not_compared = Vec::new();
+    let config = files.config.map(|text| DataList::parse(CONFIG, text));
+    if let Some(config) = &config {
+        let missing = declarations(config, &mut found);
+        Compared { config, missing, cell, found: &mut found }.all();
+    }
+    found.calls(files, config.as_ref());
     let ports = [cell.robot().command_port(), cell.robot().state_port()];
     let channels = [
         (COMMANDS, files.commands, CELLCMD, ["CELL_F_CMD_ALIVE", "CELL_F_CMD_CAME"], (ports[0], ports[1])),
@@ -41,17 +91,27 @@ pub fn differences(files: &ControllerFiles<'_>, cell: &Cell) -> Vec<Difference> 
             found.flags_of_channel(file, text, (&theirs, config), flags);
         }
         if cell.robot().kind() == RobotKind::Eki {
-            found.address(file, text, &theirs, cell.robot().host());
+            not_compared.extend(found.address((file, text), &theirs, cell.robot().host(), files.host_addresses));
             found.port(file, text, &theirs, ports);
         }
     }
     if let (Some(text), Some(config)) = (files.motion, &config) {
         found.interrupts(text, config);
     }
-    found.0
+    Comparison { differences: found.0, not_compared }
 }
 
 impl Found {
+    /// Compares the programs that call with those that are called.
+    fn calls(&mut self, files: &ControllerFiles<'_>, config: Option<&DataList>) {
+        if let Some(text) = files.user {
+            called::subroutines(text, config, self);
+        }
+        if let Some(text) = files.submit {
+            called::submit(text, self);
+        }
+    }
+
     /// Parses a channel's file and this program's own version of it; a file that cannot be read is noted.
     fn channel(&mut self, file: &'static str, text: &str, ours: &str) -> Option<(ChannelFile, ChannelFile)> {
         match (ChannelFile::parse(text), ChannelFile::parse(ours)) {
@@ -168,17 +228,48 @@ impl Found {
         }
     }
 
-    fn address(&mut self, file: &'static str, text: &str, theirs: &ChannelFile, host: &str) {
-        let (Some(stated), Some(address)) = (&theirs.address, ipv4(host)) else { return };
-        // A text that is not an address is reported by `check` of the file alone.
-        let Some(listens) = ipv4(stated) else { return };
-        if listens != address {
+    /// Compares the address on which the controller listens with the cell's host; returns why it was not compared.
+    fn address(
+        &mut self,
+        (file, text): (&'static str, &str),
+        theirs: &ChannelFile,
+        host: &str,
+        host_addresses: &[[u8; 4]],
+    ) -> Option<String> {
+        let key = "CONFIGURATION/INTERNAL/IP";
+        let Some(stated) = &theirs.address else {
             let message = format!(
-                "is {stated}, and [robot] host of the cell's file is {host}: the controller listens at the first, \
-                 the PC connects to the second"
+                "is missing: on which address the controller listens is not stated; write <IP> with its address, as \
+                 [robot] host of the cell's file ({host})"
             );
-            self.note(file, line_of(text, "<IP>"), "CONFIGURATION/INTERNAL/IP", message);
+            self.note(file, line_of(text, "<INTERNAL>"), key, message);
+            return None;
+        };
+        let Some(listens) = ipv4(stated) else {
+            let message = format!(
+                "is \"{stated}\", which is no address: the controller cannot listen there; write four numbers, as \
+                 [robot] host of the cell's file ({host})"
+            );
+            self.note(file, line_of(text, "<IP>"), key, message);
+            return None;
+        };
+        let own = ipv4(host).or((host == "localhost").then_some([127, 0, 0, 1]));
+        let addresses: Vec<[u8; 4]> = own.into_iter().chain(host_addresses.iter().copied()).collect();
+        if addresses.is_empty() {
+            return Some(format!(
+                "[robot] host is the name {host}: its address is not known here, so it is not compared with {stated}, at \
+                 which {file} listens"
+            ));
         }
+        if !addresses.contains(&listens) {
+            let message = format!(
+                "is {stated}, and [robot] host of the cell's file is {host}{}: the controller listens at the first, \
+                 the PC connects to the second",
+                resolved(host, &addresses)
+            );
+            self.note(file, line_of(text, "<IP>"), key, message);
+        }
+        None
     }
 
     fn port(&mut self, file: &'static str, text: &str, theirs: &ChannelFile, (port, others): (u16, u16)) {
@@ -234,4 +325,13 @@ fn line_of(text: &str, what: &str) -> usize {
 fn ipv4(text: &str) -> Option<[u8; 4]> {
     let numbers = text.trim().split('.').map(|number| number.parse().ok()).collect::<Option<Vec<u8>>>()?;
     numbers.try_into().ok()
+}
+
+/// States the addresses of a name, and nothing for an address.
+fn resolved(host: &str, addresses: &[[u8; 4]]) -> String {
+    if ipv4(host).is_some() {
+        return String::new();
+    }
+    let each: Vec<String> = addresses.iter().map(|[a, b, c, d]| format!("{a}.{b}.{c}.{d}")).collect();
+    format!(" ({})", each.join(", "))
 }

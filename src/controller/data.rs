@@ -3,6 +3,7 @@
 
 use super::difference::{Difference, Found};
 use super::names::CONFIG;
+use super::planned::{AIR_ACCELERATION_M_S2, RETRACT_MM, RETRACT_MM_S};
 use super::stated::{DataList, Number};
 use crate::cell::{Cell, Output};
 use std::collections::{BTreeMap, BTreeSet};
@@ -23,6 +24,8 @@ const LINE_OUTPUTS: i32 = 6;
 const MAX_RATIO_TO_CELL: f64 = 1.25;
 /// Maximum distance by which the controller's box may extend beyond the cell's box, mm.
 const BOX_TOLERANCE_MM: f64 = 50.0;
+/// The highest checksum.
+const MAX_SUM: i32 = 1_000_002;
 /// Allowed rounding error of a 32-bit REAL.
 const ROUNDING: f64 = 1e-3;
 
@@ -36,6 +39,8 @@ const TIMERS: [&str; 7] =
 /// The data list and the cell's file, with which it is compared.
 pub(super) struct Compared<'a> {
     pub config: &'a DataList,
+    /// Names that the list neither declares nor gives a value; they are noted already.
+    pub missing: BTreeSet<String>,
     pub cell: &'a Cell,
     pub found: &'a mut Found,
 }
@@ -66,11 +71,18 @@ impl Compared<'_> {
         self.found.note(CONFIG, line, key, message);
     }
 
+    /// Notes that a value is not stated, unless the whole name is missing, which is noted already.
+    fn lacks(&mut self, line: usize, name: &str, key: impl Into<String>, message: impl Into<String>) {
+        if !self.missing.contains(name) {
+            self.note(line, key, message);
+        }
+    }
+
     /// Returns a single number; if it is missing, this is noted.
     fn single(&mut self, name: &str) -> Option<Number> {
         let found = self.config.get(name);
         if found.is_none() {
-            self.note(1, name, "is not stated as a number, and the programs need it");
+            self.lacks(1, name, name, "is not stated as a number, and the programs need it");
         }
         found
     }
@@ -98,8 +110,9 @@ impl Compared<'_> {
         for index in 1..=places {
             let key = format!("{array}[{index}]");
             match stated.get(&index) {
-                None => self.note(
+                None => self.lacks(
                     self.config.get(count).map_or(1, |count| count.line),
+                    array,
                     key,
                     format!(
                         "is not stated, and {count} counts {places}: reading it would stop the submit interpreter"
@@ -238,6 +251,16 @@ impl Compared<'_> {
                 }
             }
         }
+        for name in io.undecided() {
+            let message = format!(
+                "NO STOP SWITCHES {} OFF: $OUT[{}] ({name}) has no time in [io.off_after_s] of the cell's file, and \
+                 [io] may_stay_on does not name it. At a stop, an abort or a lost link it would keep running. State its \
+                 time there and in CELL_OFF_MS, or name it in may_stay_on",
+                name.to_uppercase(),
+                io.outputs().get(name).copied().unwrap_or_default()
+            );
+            self.note(line_of_count, "CELL_OFF", message);
+        }
         for (output, line, _) in off {
             let name = names.get(output);
             if name.is_some_and(|name| io.off_after_s().contains_key(*name)) {
@@ -266,7 +289,7 @@ impl Compared<'_> {
         for (index, (expected, word)) in (1..=count).zip(expected.iter().zip(words)) {
             let key = format!("CELL_LINE[{index}]");
             let Some(number) = self.config.at("CELL_LINE", index) else {
-                self.note(1, key, "is not stated; 0 if the line has none");
+                self.lacks(1, "CELL_LINE", key, "is not stated; 0 if the line has none");
                 continue;
             };
             if number.value != f64::from(*expected) {
@@ -371,7 +394,7 @@ impl Compared<'_> {
     fn array_number(&mut self, array: &str, index: i32, wrong: impl FnOnce(f64) -> Option<String>) {
         let key = format!("{array}[{index}]");
         match self.config.at(array, index) {
-            None => self.note(1, key, "is not stated as a number, and the programs need it"),
+            None => self.lacks(1, array, key, "is not stated as a number, and the programs need it"),
             Some(number) => {
                 if let Some(message) = wrong(number.value) {
                     self.note(number.line, key, message);
@@ -399,16 +422,35 @@ impl Compared<'_> {
             }
         }
         let fastest = self.config.get("CELL_VEL_MAX").map_or(f64::INFINITY, |number| number.value);
-        for (name, low, high) in [
-            ("CELL_ACC_MAX", 0.1, 10.0),
-            ("CELL_RETRACT_MM", 10.0, 200.0),
-            ("CELL_RETRACT_VEL", 0.01, fastest),
-            ("CELL_RETRACT_ACC", 0.1, 10.0),
+        let planned_m_s = RETRACT_MM_S / 1_000.0;
+        // Below this acceleration the retract ends before it has reached its speed, and the tool stays long.
+        let least_m_s2 = RETRACT_MM_S * RETRACT_MM_S / RETRACT_MM / 1_000.0;
+        for (name, low, high, why) in [
+            (
+                "CELL_ACC_MAX",
+                AIR_ACCELERATION_M_S2,
+                10.0,
+                "m/s²: the PC sends motions in the air with the lower one",
+            ),
+            ("CELL_RETRACT_MM", RETRACT_MM, RETRACT_MM, "mm: the PC plans the retract with this length"),
+            (
+                "CELL_RETRACT_VEL",
+                planned_m_s.min(cell_m_s),
+                planned_m_s.min(fastest),
+                "m/s: the PC plans the retract with the higher one",
+            ),
+            (
+                "CELL_RETRACT_ACC",
+                least_m_s2,
+                10.0,
+                "m/s²: with less, the tool leaves the panel slower than planned",
+            ),
         ] {
             if let Some(number) = self.single(name)
-                && !(number.value >= low && number.value <= high)
+                && !(number.value >= low - ROUNDING && number.value <= high + ROUNDING)
             {
-                self.note(number.line, name, format!("is {}, the limits are {low} to {high}", number.value));
+                let message = format!("is {}, the limits are {low} to {high} {why}", number.value);
+                self.note(number.line, name, message);
             }
         }
     }
@@ -448,6 +490,6 @@ impl Compared<'_> {
 
     fn subroutines(&mut self) {
         self.whole("CELL_USER_N", 0, 1_000);
-        self.whole("CELL_USER_REVISION", 0, 1_000_000);
+        self.whole("CELL_USER_REVISION", 0, MAX_SUM);
     }
 }

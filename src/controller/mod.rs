@@ -1,20 +1,28 @@
 //! Compares the controller's files with each other and with the cell's file, as pure functions of their texts.
 //!
 //! A cell is described three times: in the cell's file on the PC, in `cell_config.dat` and in the two EthernetKRL
-//! files on the controller. `compare` finds every contradiction between them. `sum` computes the checksum with
-//! which the controller's programs identify themselves, and `stated` reads the numbers of a data list. Nothing here
+//! files on the controller. `compare` finds every contradiction between them, `declared` and `called` those among the
+//! controller's programs. `sum` computes the checksum with which the controller's programs identify themselves, and
+//! `stated` reads the numbers of a data list. `planned` has the numbers with which the PC plans. Nothing here
 //! communicates with a controller: which programs it executes is another question, which its checksum answers.
 
+mod called;
 mod compare;
 mod data;
+mod declared;
 mod difference;
 mod names;
+mod planned;
+#[cfg(test)]
+pub(crate) mod planted;
 mod stated;
 mod sum;
 #[cfg(test)]
 mod tests;
 
-pub use compare::{ControllerFiles, differences};
+pub use compare::{Comparison, ControllerFiles, among_programs, compare};
 pub use difference::Difference;
-pub use names::{COMMANDS, CONFIG, DATA, MOTION, PROGRAMS, STATES};
+pub use names::{COMMANDS, CONFIG, DATA, MOTION, PROGRAMS, STATES, SUBMIT, USER};
+pub use planned::{AIR_ACCELERATION_M_S2, RETRACT_MM, RETRACT_MM_S};
+pub use stated::highest_acceleration_m_s2;
 pub use sum::{SumError, base_name, program_sum};

@@ -10,6 +10,11 @@ pub const COMMANDS: &str = "CELLCMD.xml";
 pub const STATES: &str = "CELLSTAT.xml";
 /// Name of the robot program; its interrupts name flags and a timer by their numbers.
 pub const MOTION: &str = "cell_motion.src";
-/// Names of all files of the controller that are compared or included in the sum, in the order of the sum.
+/// Name of the program with the cell's own subroutines.
+pub const USER: &str = "cell_user.src";
+/// Name of KUKA's own program of the submit interpreter, which calls the cycle of `cell_submit.src`.
+pub const SUBMIT: &str = "sps.sub";
+/// Names of the release's files whose texts are in the sum, in the order of the sum. `CONFIG` is in the sum by its
+/// values, and `USER` by the value CELL_USER_REVISION, which states the sum of its text.
 pub const PROGRAMS: [&str; 6] =
     [DATA, "cell_judge.src", "cell_link.src", MOTION, "cell_submit.src", "cell_tell.src"];

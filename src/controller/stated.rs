@@ -1,8 +1,14 @@
 //! Reads a data list as numbers by name and index.
 
+use super::names::CONFIG;
 use crate::config::Problem;
-use crate::krl::{StatedValue, parse};
+use crate::krl::{DeclaredVariable, StatedValue, parse};
 use std::collections::BTreeMap;
+
+/// Returns the highest acceleration that the controller accepts, m/s², from the text of `cell_config.dat`.
+pub fn highest_acceleration_m_s2(config: &str) -> Option<f64> {
+    DataList::parse(CONFIG, config).get("CELL_ACC_MAX").map(|number| number.value)
+}
 
 /// A number, and the line on which it is stated.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,6 +31,10 @@ pub(super) struct DataList {
     numbers: BTreeMap<(String, Option<i32>), Number>,
     /// Values that are stated twice: name, index, line of the second statement.
     twice: Vec<StatedValue>,
+    /// The variables that the list declares.
+    pub declared: Vec<DeclaredVariable>,
+    /// The line of DEFDAT, and whether the list is PUBLIC; `None` if the text is no data list.
+    pub list: Option<(usize, bool)>,
     /// The problems that the reader of KRL found.
     pub problems: Vec<Problem>,
 }
@@ -33,7 +43,12 @@ impl DataList {
     /// Reads the text of a data list.
     pub fn parse(name: &str, text: &str) -> Self {
         let file = parse(name, text);
-        let mut list = DataList { problems: file.problems.clone(), ..DataList::default() };
+        let mut list = DataList {
+            problems: file.problems.clone(),
+            declared: file.declared_variables(),
+            list: file.data_list(),
+            ..DataList::default()
+        };
         for stated in file.stated_values() {
             let number = Number { value: stated.value, line: stated.line };
             if list.numbers.insert((stated.name.clone(), stated.index), number).is_some() {
@@ -57,6 +72,12 @@ impl DataList {
     pub fn array(&self, name: &str) -> BTreeMap<i32, Number> {
         let of_name = self.numbers.iter().filter(|((of, _), _)| of == name);
         of_name.filter_map(|((_, index), number)| Some(((*index)?, *number))).collect()
+    }
+
+    /// Returns the line of the first value of this name, single or in an array.
+    pub fn first_line_of(&self, name: &str) -> Option<usize> {
+        let of_name = self.numbers.iter().filter(|((of, _), _)| of == name);
+        of_name.map(|(_, number)| number.line).min()
     }
 
     /// Returns the values that are stated a second time.

@@ -7,7 +7,7 @@
 //! gives no protection against intended deception: this is the task of the controller's own checksums of its
 //! project and of its safety configuration.
 
-use super::names::{CONFIG, DATA, PROGRAMS};
+use super::names::{CONFIG, DATA, PROGRAMS, USER};
 use super::stated::DataList;
 
 /// The modulus of the sum, as in the controller's programs.
@@ -38,6 +38,18 @@ pub enum SumError {
         /// The sum that the file states.
         stated: i64,
         /// The sum that was computed from the texts.
+        computed: i64,
+    },
+    /// The value in the cell engineer's data list is not the sum of the text of the cell's own subroutines.
+    #[error(
+        "{CONFIG}:{line}: CELL_USER_REVISION is {stated}, and the text of {USER} has the sum {computed}; write {computed}"
+    )]
+    UserEdited {
+        /// Its line.
+        line: usize,
+        /// The sum that the file states.
+        stated: i64,
+        /// The sum that was computed from the text.
         computed: i64,
     },
 }
@@ -72,8 +84,8 @@ const REALS: [(i32, [&str; 2]); 2] =
 /// Single numbers of type REAL that are added to the sum.
 const LIMITS: [&str; 6] =
     ["CELL_STEP_MM", "CELL_VEL_MAX", "CELL_ACC_MAX", "CELL_RETRACT_MM", "CELL_RETRACT_VEL", "CELL_RETRACT_ACC"];
-/// Numbers of the cell's own subroutines.
-const USER: [&str; 2] = ["CELL_USER_N", "CELL_USER_REVISION"];
+/// Numbers of the cell's own subroutines; the second is the sum of their text.
+const OWN: [&str; 2] = ["CELL_USER_N", "CELL_USER_REVISION"];
 
 /// Computes the sum that a controller with these files reports as `St/@Sum`. Each file is given by its name without
 /// folder, in upper or lower case.
@@ -93,7 +105,14 @@ pub fn program_sum(files: &[(&str, &str)]) -> Result<i32, SumError> {
     if stated.value != computed as f64 {
         return Err(SumError::Edited { line: stated.line, stated: stated.value as i64, computed });
     }
-    of_values(computed, &DataList::parse(CONFIG, find(CONFIG)?))
+    let config = DataList::parse(CONFIG, find(CONFIG)?);
+    let user = text_sum(find(USER)?);
+    match config.get(OWN[1]) {
+        Some(stated) if stated.value != user as f64 => {
+            Err(SumError::UserEdited { line: stated.line, stated: stated.value as i64, computed: user })
+        }
+        _ => of_values(computed, &config),
+    }
 }
 
 /// The name of a file without its folder.
@@ -112,6 +131,11 @@ fn of_texts(texts: &[&str]) -> i64 {
         .filter(counts)
         .flat_map(str::bytes)
         .fold(0, |sum, byte| (sum * 31 + i64::from(byte)) % MODULUS)
+}
+
+/// Computes the sum of one text, as CELL_USER_REVISION states it for the cell's own subroutines.
+pub(super) fn text_sum(text: &str) -> i64 {
+    of_texts(&[text])
 }
 
 fn of_values(programs: i64, config: &DataList) -> Result<i32, SumError> {
@@ -142,7 +166,7 @@ fn of_values(programs: i64, config: &DataList) -> Result<i32, SumError> {
     for name in LIMITS {
         sum.real(single(name)?.value);
     }
-    for name in USER {
+    for name in OWN {
         sum.whole(whole(name)?);
     }
     i32::try_from(sum.0).map_err(|_| lacks("CELL_SUM"))
@@ -169,5 +193,5 @@ impl Mix {
 pub(super) fn mixed_names() -> std::collections::BTreeSet<&'static str> {
     let lists = LISTS.iter().flat_map(|(count, arrays)| std::iter::once(*count).chain(arrays.iter().copied()));
     let reals = REALS.iter().flat_map(|(_, arrays)| arrays.iter().copied());
-    FLAGS_AND_TIMERS.into_iter().chain(lists).chain(reals).chain(LIMITS).chain(USER).collect()
+    FLAGS_AND_TIMERS.into_iter().chain(lists).chain(reals).chain(LIMITS).chain(OWN).collect()
 }

@@ -1,221 +1,119 @@
-//! Planted mistakes: each is one edit of a shipped file or of the example cell, and must be named; the unchanged
-//! files give no message.
+//! The comparison of the controller's files with the cell's file, and their sum. The planted mistakes also go through
+//! the commands `check` and `doctor`.
 
+use super::planted::{FILES, MISTAKES, edited, missed, texts};
 use super::sum::mixed_names;
 use super::*;
 use crate::cell::Cell;
 
-const CELL: &str = include_str!("../../config/cell-example.toml");
-const FILES: [(&str, &str); 8] = [
-    (CONFIG, include_str!("../../config/kuka/cell_config.dat")),
-    (DATA, include_str!("../../config/kuka/cell_data.dat")),
-    ("cell_judge.src", include_str!("../../config/kuka/cell_judge.src")),
-    ("cell_link.src", include_str!("../../config/kuka/cell_link.src")),
-    (MOTION, include_str!("../../config/kuka/cell_motion.src")),
-    ("cell_submit.src", include_str!("../../config/kuka/cell_submit.src")),
-    ("cell_tell.src", include_str!("../../config/kuka/cell_tell.src")),
-    (COMMANDS, include_str!("../../config/kuka/CELLCMD.xml")),
-];
-const STATE_FILE: &str = include_str!("../../config/kuka/CELLSTAT.xml");
-
-/// Returns all texts, by name; the cell's file is "cell".
-fn texts() -> Vec<(&'static str, String)> {
-    let mut all: Vec<_> = FILES.iter().map(|(name, text)| (*name, (*text).to_owned())).collect();
-    all.extend([(STATES, STATE_FILE.to_owned()), ("cell", CELL.to_owned())]);
-    all
+fn compared(texts: &[(&'static str, String)]) -> Comparison {
+    let named: Vec<(&str, &str)> = texts.iter().map(|(name, text)| (*name, text.as_str())).collect();
+    let (_, cell) = named.iter().find(|(name, _)| *name == "cell").expect("the cell");
+    let cell = Cell::check("cell.toml", cell).unwrap_or_else(|problems| panic!("{problems}"));
+    compare(&ControllerFiles::among(&named), &cell)
 }
 
 fn found(texts: &[(&'static str, String)]) -> Vec<Difference> {
-    let text = |name: &str| texts.iter().find(|(of, _)| *of == name).map(|(_, text)| text.as_str());
-    let cell = Cell::check("cell.toml", text("cell").expect("the cell")).expect("a right cell");
-    let files = ControllerFiles {
-        config: text(CONFIG),
-        motion: text(MOTION),
-        commands: text(COMMANDS),
-        states: text(STATES),
-    };
-    differences(&files, &cell)
+    compared(texts).differences
 }
 
-/// Returns all texts with one edit of one file.
-fn edited(file: &str, from: &str, to: &str) -> Vec<(&'static str, String)> {
-    let mut all = texts();
-    let text = &mut all.iter_mut().find(|(name, _)| *name == file).expect("a file").1;
-    assert_eq!(text.matches(from).count(), 1, "{file}: \"{from}\" must stand there once");
+fn words(difference: Difference) -> String {
+    let Difference { file, problem } = difference;
+    format!("{file}:{}: {}: {}", problem.line, problem.key, problem.message)
+}
+
+/// Edits one more text.
+fn edit(texts: &mut [(&'static str, String)], file: &str, from: &str, to: &str) {
+    let text = &mut texts.iter_mut().find(|(name, _)| *name == file).expect("a file").1;
+    assert_eq!(text.matches(from).count(), 1, "{file}: {from}");
     *text = text.replace(from, to);
-    all
 }
 
 #[test]
 fn untouched_files_give_no_difference() {
-    assert_eq!(found(&texts()), []);
+    assert_eq!(compared(&texts()), Comparison { differences: vec![], not_compared: vec![] });
 }
-
-/// File, the shipped text, the text that replaces it, and the expected part of the message.
-const MISTAKES: [(&str, &str, &str, &str); 74] = [
-    // Outputs: numbers, order, counts.
-    (CONFIG, "CELL_OUT[1]=17", "CELL_OUT[1]=1", "CELL_OUT[1]: is 1, which [io.outputs] lacks"),
-    (CONFIG, "CELL_OUT[5]=21", "CELL_OUT[5]=22", "CELL_OUT[5]: is 22, which [io.outputs] lacks"),
-    (CONFIG, "CELL_OUT[2]=18", "CELL_OUT[2]=21", "CELL_OUT[2]: is 21 (tool)"),
-    (CONFIG, "CELL_OUT_N=5", "CELL_OUT_N=6", "CELL_OUT[6]: is not stated, and CELL_OUT_N counts 6"),
-    (CONFIG, "CELL_OUT_N=5", "CELL_OUT_N=4", "CELL_OUT[5]: is 21, and CELL_OUT_N counts 4"),
-    (CONFIG, "CELL_OUT_N=5", "CELL_OUT_N=40", "CELL_OUT_N: is 40, valid: a whole number from 0 to 31"),
-    (CONFIG, "CELL_OUT[3]=19", "CELL_OUT[3]=0", "CELL_OUT[3]: is 0, valid:"),
-    (CONFIG, "CELL_OUT[3]=19", "", "CELL_OUT[3]: is not stated"),
-    (CONFIG, "CELL_OUT[3]=19", "CELL_OUT[3]=19\nCELL_OUT[3]=20", "CELL_OUT[3]: is stated a second time"),
-    (CONFIG, "CELL_OUT[4]=20", "CELL_OUT[4]=20.5", "CELL_OUT[4]: is 20.5, valid:"),
-    ("cell", "light = 17", "light = 22", "CELL_OUT[1]: is 17, which [io.outputs] lacks"),
-    ("cell", "tool = 21", "tool = 16", "CELL_OUT[1]: is 17 (light)"),
-    (
-        "cell",
-        "spray = 18\n",
-        "spray = 18\nfan = 23\n",
-        "CELL_OUT_N: is 5, and [io.outputs] of the cell's file names 6",
-    ),
-    // Outputs that a stop switches off.
-    (CONFIG, "CELL_OFF[4]=21", "CELL_OFF[4]=22", "NO STOP SWITCHES TOOL OFF"),
-    (CONFIG, "CELL_OFF[2]=18", "CELL_OFF[2]=19", "NO STOP SWITCHES SPRAY OFF"),
-    (CONFIG, "CELL_OFF_N=4", "CELL_OFF_N=3", "NO STOP SWITCHES TOOL OFF"),
-    (CONFIG, "CELL_OFF_N=4", "CELL_OFF_N=0", "NO STOP SWITCHES TOOL OFF"),
-    (CONFIG, "CELL_OFF_MS[4]=0", "CELL_OFF_MS[4]=1000", "goes off after 1000 ms"),
-    (CONFIG, "CELL_OFF_MS[2]=0", "CELL_OFF_MS[2]=30000", "TOOL AND WATER GO OFF AT ONCE"),
-    (CONFIG, "CELL_OFF_MS[1]=60000", "CELL_OFF_MS[1]=6000", "(light) goes off after 6000 ms"),
-    (CONFIG, "CELL_OFF_MS[3]=30000", "", "(extraction) has no CELL_OFF_MS"),
-    (CONFIG, "CELL_OFF_MS[4]=0", "", "(tool) has no CELL_OFF_MS"),
-    (CONFIG, "CELL_OFF[1]=17", "CELL_OFF[1]=19", "(lens_shutter) would go off at the end of an epoch"),
-    (CONFIG, "CELL_OFF[1]=17", "CELL_OFF[1]=33", "$OUT[33] is neither in CELL_OUT nor in [io.outputs]"),
-    (CONFIG, "CELL_OFF[3]=20", "CELL_OFF[3]=21", "(tool) is listed twice"),
-    (CONFIG, "CELL_OFF_N=4", "CELL_OFF_N=5", "CELL_OFF[5]: is not stated"),
-    (
-        "cell",
-        "light = 60",
-        "light = 61",
-        "(light) goes off after 60000 ms; [io.off_after_s] of the cell's file states 61000",
-    ),
-    ("cell", "extraction = 30", "extraction = 31", "(extraction) goes off after 30000 ms"),
-    ("cell", "spray = 18\n", "spray = 18\nrinse = 23\n", "NO STOP SWITCHES RINSE OFF"),
-    // Inputs.
-    (
-        CONFIG,
-        "CELL_IN[1]=17",
-        "CELL_IN[1]=18",
-        "CELL_IN[1]: is 18 (lens_shut); [io.feedbacks] of the cell's file has 17 (water_off)",
-    ),
-    (CONFIG, "CELL_IN[4]=20", "CELL_IN[4]=30", "CELL_IN[4]: is 30, which [io.feedbacks] lacks"),
-    (CONFIG, "CELL_IN_N=5", "CELL_IN_N=4", "CELL_IN_N: is 4, and [io.feedbacks] of the cell's file names 5"),
-    (CONFIG, "CELL_IN_N=5", "CELL_IN_N=6", "CELL_IN[6]: is not stated"),
-    (CONFIG, "CELL_IN[5]=21", "CELL_IN[5]=5000", "CELL_IN[5]: is 5000, valid:"),
-    ("cell", "tool_running = 20", "tool_running = 22", "CELL_IN[4]: is 20, which [io.feedbacks] lacks"),
-    // The line.
-    (
-        CONFIG,
-        "CELL_LINE[3]=0",
-        "CELL_LINE[3]=42",
-        "CELL_LINE[3]: is 42; [io.line_outputs] of the cell's file has 0 for pass",
-    ),
-    (CONFIG, "CELL_LINE[1]=0", "CELL_LINE[1]=21", "CELL_LINE[1]: $OUT[21] is in CELL_OUT"),
-    (CONFIG, "CELL_LINE_N=6", "CELL_LINE_N=5", "CELL_LINE_N: is 5, valid:"),
-    (CONFIG, "CELL_LINE[6]=0", "", "CELL_LINE[6]: is not stated"),
-    // Mapped inputs.
-    (CONFIG, "CELL_VIN_N=0", "CELL_VIN_N=1", "CELL_VIN[1]: is 0, valid:"),
-    (CONFIG, "CELL_VIN[1]=0", "CELL_VIN[1]=33", "CELL_VIN[1]: is 33, and CELL_VIN_N counts 0"),
-    (CONFIG, "CELL_VIN_N=0", "CELL_VIN_N=9", "CELL_VIN_N: is 9, valid:"),
-    ("cell", "# [io.mapped_inputs] ", "[io.mapped_inputs]\nguard = 33\n# ", "CELL_VIN: lacks input 33"),
-    // Flags and timers.
-    (
-        CONFIG,
-        "CELL_F_CMD_CAME=851",
-        "CELL_F_CMD_CAME=861",
-        "RECEIVE ELEMENT: raises $FLAG[851], and CELL_F_CMD_CAME",
-    ),
-    (CONFIG, "CELL_F_CMD_ALIVE=850", "CELL_F_CMD_ALIVE=860", "ALIVE: raises $FLAG[850], and CELL_F_CMD_ALIVE"),
-    (CONFIG, "CELL_F_STAT_ALIVE=853", "CELL_F_STAT_ALIVE=860", "ALIVE: raises $FLAG[853], and CELL_F_STAT_ALIVE"),
-    (
-        CONFIG,
-        "CELL_F_STAT_CAME=854",
-        "CELL_F_STAT_CAME=860",
-        "RECEIVE ELEMENT: raises $FLAG[854], and CELL_F_STAT_CAME",
-    ),
-    (CONFIG, "CELL_F_STOP=852", "CELL_F_STOP=862", "INTERRUPT DECL 21: watches $FLAG[852]"),
-    (CONFIG, "CELL_F_HALT=855", "CELL_F_HALT=865", "INTERRUPT DECL 20: watches $FLAG[855]"),
-    (CONFIG, "CELL_F_HALT=855", "CELL_F_HALT=852", "CELL_F_HALT: is 852, which is CELL_F_STOP already"),
-    (CONFIG, "CELL_F_HALT=855", "CELL_F_HALT=1025", "CELL_F_HALT: is 1025, valid:"),
-    (CONFIG, "CELL_T_SUBMIT=21", "CELL_T_SUBMIT=31", "CELL_T_SUBMIT: is 31, but CELL_T_HEARD before it is 20"),
-    (CONFIG, "CELL_T_STILL=26", "CELL_T_STILL=65", "CELL_T_STILL: is 65, valid:"),
-    (CONFIG, "CELL_T_OFF=25", "CELL_T_OFF=24", "CELL_T_OFF: is 24, but CELL_T_SILENT before it is 24"),
-    (
-        MOTION,
-        "INTERRUPT DECL 21 WHEN $FLAG[852]",
-        "INTERRUPT DECL 21 WHEN $FLAG[842]",
-        "INTERRUPT DECL 21: watches $FLAG[842]",
-    ),
-    (
-        MOTION,
-        "INTERRUPT DECL 22 WHEN $TIMER_FLAG[21]",
-        "INTERRUPT DECL 22 WHEN $TIMER_FLAG[31]",
-        "INTERRUPT DECL 22: watches $TIMER_FLAG[31]",
-    ),
-    (MOTION, "  INTERRUPT DECL 20 WHEN", "; INTERRUPT DECL 20 WHEN", "INTERRUPT DECL 20: is not there"),
-    // The channels.
-    (COMMANDS, "Set_Flag=\"851\"", "Set_Flag=\"861\"", "RECEIVE ELEMENT: raises $FLAG[861]"),
-    (STATES, "<ALIVE Set_Flag=\"853\"/>", "", "ALIVE: raises no flag"),
-    (
-        COMMANDS,
-        "<IP>172.31.1.147</IP>",
-        "<IP>172.31.1.148</IP>",
-        "IP: is 172.31.1.148, and [robot] host of the cell's file is 172.31.1.147",
-    ),
-    (STATES, "<IP>172.31.1.147</IP>", "<IP>192.168.1.147</IP>", "IP: is 192.168.1.147"),
-    (COMMANDS, "<PORT>54600</PORT>", "<PORT>54601</PORT>", "command_port and state_port are exchanged"),
-    (
-        STATES,
-        "<PORT>54601</PORT>",
-        "<PORT>54605</PORT>",
-        "PORT: is 54605, and [robot] of the cell's file has 54601",
-    ),
-    (
-        "cell",
-        "host = \"172.31.1.147\"",
-        "host = \"172.31.1.140\"",
-        "[robot] host of the cell's file is 172.31.1.140",
-    ),
-    (
-        COMMANDS,
-        "Tag=\"Cmd/@N1\" Type=\"INT\"",
-        "Tag=\"Cmd/@N1\" Type=\"REAL\"",
-        "RECEIVE ELEMENT: place 4 is Cmd/@N1 (REAL)",
-    ),
-    (STATES, "      <ELEMENT Tag=\"St/@Ov\" Type=\"INT\"/>\n", "", "SEND ELEMENT: place 13 is St/J/@A1 (REAL)"),
-    (COMMANDS, "<ENVIRONMENT>Submit</ENVIRONMENT>", "<ENVIRONMENT>Program</ENVIRONMENT>", "ENVIRONMENT: "),
-    (COMMANDS, "Limit=\"512\"", "Limit=\"16\"", "BUFFERING: 16 entries"),
-    // Axes, space and speeds.
-    (
-        CONFIG,
-        "CELL_AXIS_MAX[3]=156.0",
-        "CELL_AXIS_MAX[3]=165.0",
-        "CELL_AXIS_MAX[3]: is 165°; [arm] of the cell's file has 156°",
-    ),
-    (CONFIG, "CELL_AXIS_MIN[5]=-120.0", "CELL_AXIS_MIN[5]=120.0", "CELL_AXIS_MIN[5]: is 120°"),
-    (CONFIG, "CELL_VEL_MAX=0.25", "CELL_VEL_MAX=2.0", "CELL_VEL_MAX: is 2 m/s, the limit is 1.25 times"),
-    (CONFIG, "CELL_VEL_MAX=0.25", "CELL_VEL_MAX=0.1", "CELL_VEL_MAX: is 0.1 m/s"),
-    (CONFIG, "CELL_BOX_MAX[1]=760.0", "CELL_BOX_MAX[1]=1760.0", "CELL_BOX_MAX[1]: is 1760 mm"),
-    (CONFIG, "CELL_STEP_MM=110.0", "CELL_STEP_MM=1000.0", "CELL_STEP_MM: is 1000 mm"),
-];
 
 #[test]
 fn each_planted_mistake_is_named() {
-    let mut missed = Vec::new();
-    for (file, from, to, words) in MISTAKES {
-        let found = found(&edited(file, from, to));
-        let said: Vec<String> = found
-            .iter()
-            .map(|it| format!("{}:{}: {}: {}", it.file, it.problem.line, it.problem.key, it.problem.message))
-            .collect();
-        if !said.iter().any(|said| said.contains(words)) {
-            missed.push(format!("{file}: {from} → {to}\n  wanted: {words}\n  said: {said:#?}"));
-        }
-    }
+    let missed = missed(|texts| found(texts).into_iter().map(words).collect());
     assert!(missed.is_empty(), "{} of {}:\n{}", missed.len(), MISTAKES.len(), missed.join("\n"));
+}
+
+/// The data list of the release before the box and the longest step: one line names what it is.
+#[test]
+fn a_file_of_an_earlier_release_is_named_by_one_line() {
+    let is_later = |line: &&str| ["CELL_BOX_M", "CELL_STEP_MM"].iter().any(|name| line.contains(name));
+    let mut all = texts();
+    let config = &mut all.iter_mut().find(|(name, _)| *name == CONFIG).expect("it").1;
+    let lines: Vec<&str> = config.lines().filter(|line| !is_later(line)).collect();
+    assert_eq!(config.lines().count() - lines.len(), 10, "a comment, three declarations, six values");
+    *config = lines.join("\n");
+    let said: Vec<String> = found(&all).into_iter().map(words).collect();
+    let [one] = said.as_slice() else { panic!("{said:#?}") };
+    assert!(one.contains("of an earlier release: CELL_BOX_MIN, CELL_BOX_MAX, CELL_STEP_MM are not there"), "{one}");
+}
+
+/// An output that both files name and no stop switches off: each is an error until the cell's file decides.
+#[test]
+fn an_output_of_the_cells_own_is_switched_off_or_named() {
+    let mut all = edited("cell", "spray = 18\n", "spray = 18\npump = 22\n");
+    edit(&mut all, CONFIG, "CELL_OUT_N=5", "CELL_OUT_N=6");
+    edit(&mut all, CONFIG, "CELL_OUT[5]=21", "CELL_OUT[5]=21\nCELL_OUT[6]=22");
+    let said: Vec<String> = found(&all).into_iter().map(words).collect();
+    assert!(said.len() == 1 && said[0].contains("NO STOP SWITCHES PUMP OFF: $OUT[22] (pump)"), "{said:#?}");
+    let mut stays = all.clone();
+    edit(&mut stays, "cell", "[io.feedbacks]\n", "[io]\nmay_stay_on = [\"pump\"]\n[io.feedbacks]\n");
+    assert_eq!(found(&stays), []);
+    edit(&mut all, "cell", "extraction = 30 ", "pump = 0\nextraction = 30 ");
+    edit(&mut all, CONFIG, "CELL_OFF_N=4", "CELL_OFF_N=5");
+    edit(&mut all, CONFIG, "CELL_OFF[4]=21", "CELL_OFF[4]=21\nCELL_OFF[5]=22");
+    edit(&mut all, CONFIG, "CELL_OFF_MS[4]=0", "CELL_OFF_MS[4]=0\nCELL_OFF_MS[5]=0");
+    assert_eq!(found(&all), []);
+}
+
+/// The address of a host that is given by its name: compared if the name was resolved, and otherwise reported as not
+/// compared.
+#[test]
+fn a_host_by_its_name_is_resolved_or_said_to_be_not_compared() {
+    let all = edited("cell", "host = \"172.31.1.147\"", "host = \"krc\"");
+    let Comparison { differences, not_compared } = compared(&all);
+    assert_eq!((differences, not_compared.len()), (vec![], 2), "{not_compared:?}");
+    assert!(not_compared[0].contains("host is the name krc: its address is not known here"), "{not_compared:?}");
+    let named: Vec<(&str, &str)> = all.iter().map(|(name, text)| (*name, text.as_str())).collect();
+    let cell =
+        Cell::check("cell.toml", &all.last().expect("the cell").1).unwrap_or_else(|problems| panic!("{problems}"));
+    let at = |host_addresses: &[[u8; 4]]| {
+        let files = ControllerFiles { host_addresses, ..ControllerFiles::among(&named) };
+        let Comparison { differences, not_compared } = compare(&files, &cell);
+        assert!(not_compared.is_empty());
+        differences.into_iter().map(words).collect::<Vec<_>>()
+    };
+    assert!(at(&[[172, 31, 1, 147]]).is_empty());
+    let others = at(&[[172, 31, 1, 10]]);
+    assert!(
+        others.len() == 2
+            && others[0].contains("is 172.31.1.147, and [robot] host of the cell's file is krc (172.31.1.10)")
+    );
+}
+
+/// A subroutine that was added as the file states is right: its case, the number, and the sum of the text.
+#[test]
+fn a_subroutine_that_was_added_in_all_places_is_right() {
+    let mut all = edited(USER, "    CASE 0\n", "    CASE 1\n      CELL_USER_0( )\n    CASE 0\n");
+    edit(&mut all, CONFIG, "CELL_USER_N=1", "CELL_USER_N=2");
+    let [said] = &found(&all)[..] else { panic!("only the sum is missing") };
+    let sum = said.problem.message.rsplit("write ").next().and_then(|rest| rest.split(',').next()).expect("a sum");
+    edit(&mut all, CONFIG, "CELL_USER_REVISION=154822", &format!("CELL_USER_REVISION={sum}"));
+    assert_eq!(found(&all), []);
+}
+
+/// The example cell's file states the sum of the shipped files.
+#[test]
+fn the_example_cell_states_the_true_sum() {
+    let sum = sum(&named(&texts())).expect("the shipped files");
+    let stated = planted::CELL.lines().find_map(|line| line.strip_prefix("# programs_sum = ")).expect("a comment");
+    assert_eq!(stated.split_whitespace().next(), Some(sum.to_string().as_str()));
 }
 
 /// The difference names the line of the edit.
@@ -260,6 +158,8 @@ fn the_sum_follows_each_value_and_refuses_an_edited_program() {
     assert_eq!(sum(&ends), Ok(untouched));
     let edit = edited("cell_judge.src", "IF CMD.ID<>CELL_RX+1 THEN", "IF FALSE THEN");
     assert!(matches!(sum(&named(&edit)), Err(SumError::Edited { .. })));
+    let edit = edited(USER, "WAIT SEC 0.1", "WAIT SEC 0.2");
+    assert!(matches!(sum(&named(&edit)), Err(SumError::UserEdited { .. })));
     let lacks: Vec<_> = named(&texts()).into_iter().filter(|(name, _)| *name != "cell_link.src").collect();
     assert_eq!(sum(&lacks), Err(SumError::Missing("cell_link.src")));
 }

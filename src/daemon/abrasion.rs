@@ -278,8 +278,12 @@ impl Abrasion {
     /// Describes the passes of earlier cycles that count for these grids.
     fn counted_before(&self, grids: &[GridId]) -> Vec<String> {
         let words = |grid: &GridId, earlier: &EarlierPass| {
+            let EarlierPass { cycle, pass, .. } = earlier;
+            if earlier.is_stated {
+                return format!("{grid} abraded in lost cycles, as the start of cycle {cycle} stated, pass {pass}");
+            }
             let how = if earlier.is_sure { "abraded" } else { "perhaps abraded" };
-            format!("{grid} {how} in cycle {}, pass {}", earlier.cycle, earlier.pass)
+            format!("{grid} {how} in cycle {cycle}, pass {pass}")
         };
         grids.iter().flat_map(|grid| self.before(grid).map(move |earlier| words(grid, earlier))).collect()
     }

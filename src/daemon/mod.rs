@@ -46,6 +46,7 @@ mod corners;
 mod corrected;
 mod deadlines;
 mod error;
+mod failed_logins;
 mod feedbacks;
 mod films;
 mod fleet;

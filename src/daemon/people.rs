@@ -4,17 +4,16 @@
 //! One instance serves all fronts, so that a person who tries passwords at two fronts is counted once. It reads and
 //! writes the store through its own connections; no part of the loop waits for it.
 
+use super::failed_logins::{FailedLogins, words};
 use super::hashing::Hashing;
 use super::store_access::StoreAccess;
-use crate::accounts::{self, Account, AuditEntry, LineLimit, Lockout, MostLines};
+use crate::accounts::{self, Account, AuditEntry, Lockout};
 use crate::files::content_hash;
 use crate::store::{Store, StoreError};
 use std::path::PathBuf;
-use std::sync::{Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
-
-/// Maximum number of wrong log-ins per minute that have their own line in the audit trail.
-const MAX_LINES: MostLines = MostLines { done: 0, refused: 20 };
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread;
+use std::time::{Duration, Instant};
 
 /// The result of a log-in with a name and a password.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,7 +43,7 @@ pub struct People {
     hashing: Hashing,
     lockout: Mutex<Lockout>,
     /// The limit of lines about wrong log-ins in the audit trail.
-    failed_logins: Mutex<LineLimit>,
+    failed_logins: FailedLogins,
     begun: Instant,
 }
 
@@ -55,7 +54,7 @@ impl People {
             store: StoreAccess::new(folder),
             hashing: Hashing::default(),
             lockout: Mutex::default(),
-            failed_logins: Mutex::new(LineLimit::new(MAX_LINES, 0)),
+            failed_logins: FailedLogins::default(),
             begun: Instant::now(),
         }
     }
@@ -101,20 +100,33 @@ impl People {
     }
 
     /// Writes a line about a wrong log-in, or only counts it if there are many, so that attempts do not fill the
-    /// disk. Runs on the calling thread.
-    pub fn audit_failed_login(&self, entry: &AuditEntry) {
-        let now_ms = (self.now_s() * 1_000.0) as u64;
-        let (left_out, is_kept) = {
-            let mut lines = self.failed_logins.lock().unwrap_or_else(PoisonError::into_inner);
-            (lines.minute_over(now_ms), lines.allows(true))
-        };
-        if let Some(count) = left_out {
-            let words = format!("{count} more wrong log-ins within a minute have no line of their own");
-            let line = AuditEntry::done(None, None, entry.from.clone(), &entry.what);
-            self.audit(&AuditEntry { refused: Some(words), ..line });
+    /// disk. The number of those without a line is written when the minute is over. Runs on the calling thread.
+    pub fn audit_failed_login(self: &Arc<Self>, entry: &AuditEntry) {
+        let counted = self.failed_logins.count();
+        if let Some(left_out) = counted.left_out {
+            self.audit(&left_out_line(left_out, entry));
         }
-        if is_kept {
+        if counted.is_written {
             self.audit(entry);
+        }
+        if let Some(after) = counted.report_after {
+            self.report_left_out(after, entry.clone());
+        }
+    }
+
+    /// Waits this long on a thread of its own, then writes how many log-ins had no line. At most one such thread waits
+    /// for each minute.
+    fn report_left_out(self: &Arc<Self>, after: Duration, last: AuditEntry) {
+        let people = Arc::downgrade(self);
+        let wait = move || {
+            thread::sleep(after);
+            let Some(people) = people.upgrade() else { return };
+            if let Some(left_out) = people.failed_logins.over() {
+                people.audit(&left_out_line(left_out, &last));
+            }
+        };
+        if let Err(error) = thread::Builder::new().name("log-ins".to_owned()).spawn(wait) {
+            tracing::warn!("the number of wrong log-ins is written only with the next wrong one: {error}");
         }
     }
 
@@ -154,7 +166,7 @@ impl People {
     }
 
     /// Judges a name and a password when it is their turn, and counts a wrong one.
-    pub async fn log_in(self: &std::sync::Arc<Self>, name: &str, password: String) -> LogIn {
+    pub async fn log_in(self: &Arc<Self>, name: &str, password: String) -> LogIn {
         if accounts::checked_name(name).is_err() {
             return LogIn::Unknown;
         }
@@ -167,10 +179,15 @@ impl People {
     }
 }
 
+/// Returns the line that counts wrong log-ins without a line of their own; one of them was `last`.
+fn left_out_line(left_out: u64, last: &AuditEntry) -> AuditEntry {
+    let line = AuditEntry::done(None, None, last.from.clone(), &last.what);
+    AuditEntry { refused: Some(words(left_out)), ..line }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::sync::Arc;
 
     /// Simultaneous attempts are judged one after the other, and the sixth one is not judged any more.
     #[tokio::test]
@@ -197,11 +214,34 @@ mod tests {
     fn a_flood_of_failed_logins_is_a_few_lines() {
         let folder = tempfile::tempdir().expect("a folder");
         drop(Store::create(&folder.path().join("store")).expect("a store"));
-        let people = People::new(folder.path().join("store"));
+        let people = Arc::new(People::new(folder.path().join("store")));
         let line = AuditEntry::done(Some("engineer".to_owned()), None, "10.0.0.1".to_owned(), "log in");
         let line = AuditEntry { refused: Some("wrong name or password".to_owned()), ..line };
         (0..1_000).for_each(|_| people.audit_failed_login(&line));
         let lines = people.read(|store| store.audit(None, 2_000)).expect("read").len();
         assert_eq!(lines, 20);
+    }
+
+    /// The number of log-ins without a line is written when the minute is over, although no other log-in follows.
+    #[test]
+    fn a_flood_that_stops_is_counted_when_its_minute_is_over() {
+        let folder = tempfile::tempdir().expect("a folder");
+        drop(Store::create(&folder.path().join("store")).expect("a store"));
+        let people = Arc::new(People::new(folder.path().join("store")));
+        let line = AuditEntry::done(Some("engineer".to_owned()), None, "10.0.0.1".to_owned(), "log in");
+        let begun = Instant::now();
+        people.failed_logins.begin_minute_ago(Duration::from_secs(55));
+        (0..25).for_each(|_| people.audit_failed_login(&line));
+        let counted = || {
+            let lines = people.read(|store| store.audit(None, 100)).expect("read");
+            lines
+                .iter()
+                .filter_map(|line| line.entry.refused.clone())
+                .any(|refused| refused.contains("5 more wrong"))
+        };
+        while !counted() {
+            assert!(begun.elapsed() < Duration::from_secs(60), "the count is lost");
+            thread::sleep(Duration::from_millis(20));
+        }
     }
 }

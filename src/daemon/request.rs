@@ -140,6 +140,9 @@ pub struct StartRequest {
     /// counted from zero.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub another_part: bool,
+    /// How many passes the part had in cycles that a restored store lacks, as a person stated it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lost_passes: Option<u8>,
     /// Whether the text may differ from the text in the recipes' folder. The front decides this by the person's
     /// role; a client's line cannot state it.
     #[serde(skip)]

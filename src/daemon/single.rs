@@ -147,8 +147,10 @@ impl<'r> Single<'r> {
     /// Executes any function except a motion, an output or a subroutine; these have their own gates below.
     ///
     /// # Errors
-    /// If it cannot be sent, is refused, or is not done in time.
-    pub fn set(&mut self, command: Command) -> Result<(), SingleError> {
+    /// If the controller has other programs than the accepted ones, or if the function cannot be sent, is refused, or
+    /// is not done in time.
+    pub fn set(&mut self, command: Command, cell: &Cell) -> Result<(), SingleError> {
+        accepted(Judgement::new(self.other_programs(cell).into_iter().collect(), vec![]))?;
         match command {
             Command::MoveLin(_) | Command::MoveJ(_) | Command::SetDigout(_) | Command::CallSubroutine { .. } => {
                 let message = format!("{} has a gate of its own", command.name());
@@ -248,6 +250,8 @@ impl<'r> Single<'r> {
     /// # Errors
     /// As [`Single::set`], and if an interlock is open.
     pub fn set_output(&mut self, name: &str, on: bool, cell: &Cell, keep: Duration) -> Result<(), SingleError> {
+        // Also to switch off: with other programs, the number may be that of another output.
+        accepted(Judgement::new(self.other_programs(cell).into_iter().collect(), vec![]))?;
         let number = number_of(name, cell.io())?;
         self.open_epoch()?;
         if let Some(switch) = single_interlocks::switched_on(name).filter(|_| on) {
@@ -276,18 +280,11 @@ impl<'r> Single<'r> {
     /// Checks that a motion is permitted, under a person's control or without one.
     fn may_move(&self, cell: &Cell) -> Result<(), SingleError> {
         let state = &self.state;
-        let is_accepted = cell.robot().programs_sum().is_none_or(|accepted| accepted == state.programs_checksum);
         let is_local = cell.io().input_bit(LOCAL_CONTROL).is_none_or(|bit| reads(state, bit));
         // In T1 a person holds the enabling switch beside the arm, and the controller limits the speed; so the guard
         // may be open.
         let by_hand = matches!(state.mode, Mode::T1 | Mode::T2);
         let checks = [
-            (
-                !is_accepted,
-                "other_programs",
-                "the controller's programs are others than those with which the cell was accepted ([robot] programs_sum); find out \
-                 who changed them, then `panelprep doctor --kuka DIR`",
-            ),
             (
                 !is_local,
                 "local_control",
@@ -305,8 +302,22 @@ impl<'r> Single<'r> {
             ),
         ];
         let open = checks.into_iter().filter(|(wrong, ..)| *wrong);
-        let reasons = open.map(|(_, code, message)| Reason::new(code, message)).collect();
+        let others = open.map(|(_, code, message)| Reason::new(code, message));
+        let reasons = self.other_programs(cell).into_iter().chain(others).collect();
         accepted(Judgement::new(reasons, vec![]))
+    }
+
+    /// Returns a reason if the controller has other programs than those with which the cell was accepted: the numbers
+    /// of signals, flags and operations may then mean something else.
+    fn other_programs(&self, cell: &Cell) -> Option<Reason> {
+        let accepted = cell.robot().programs_sum()?;
+        (accepted != self.state.programs_checksum).then(|| {
+            Reason::new(
+                "other_programs",
+                "the controller's programs are others than those with which the cell was accepted ([robot] programs_sum); find out \
+                 who changed them, then `panelprep doctor --kuka DIR`",
+            )
+        })
     }
 
     fn open_epoch(&mut self) -> Result<(), SingleError> {
@@ -438,6 +449,7 @@ mod tests {
     use super::*;
     use crate::daemon::ports::{Port, RobotAnswer, RobotCommand};
     use crate::daemon::tests::standing_state;
+    use crate::eki::TcpKind;
 
     const AT: Joints = Joints { a1_deg: 20.0, a2_deg: -90.0, a3_deg: 90.0, a4_deg: 0.0, a5_deg: 60.0, a6_deg: 0.0 };
 
@@ -479,5 +491,46 @@ mod tests {
                 assert_eq!(judgement.reasons[0].code, "arm_model");
             }
         }
+    }
+    /// Another sum than the accepted one refuses every function that sends something: nothing is sent. The accepted sum
+    /// leads to the next gate.
+    #[test]
+    fn other_programs_than_the_accepted_ones_are_sent_nothing() {
+        let text = |sum: i32| {
+            format!(
+                "[robot]\nkind = \"eki\"\nhost = \"krc\"\nprograms_sum = {sum}\n[io.outputs]\nlight = 1\ntool = 5\n"
+            )
+        };
+        let cell_of = |sum| Cell::check("cell.toml", &text(sum)).unwrap_or_else(|problems| panic!("{problems}"));
+        let state = State { joints: AT, programs_checksum: 5, ..standing_state() };
+        let refused = |act: &dyn Fn(&mut Single<'_>) -> Result<(), SingleError>, cell: &Cell| {
+            let mut robot = Says(state);
+            let mut single = Single::connect(&mut robot, cell.arm()).expect("it answers");
+            let Err(SingleError::Gate(judgement)) = act(&mut single) else { panic!("not refused") };
+            judgement.reasons.into_iter().map(|reason| reason.code.into_owned()).collect::<Vec<_>>()
+        };
+        let line = Line {
+            to: KukaPose::default(),
+            base: KukaPose::default(),
+            tool: SetTcp { flange_from_tool: KukaPose::default(), kind: TcpKind::Other },
+            speed_mm_s: 10.0,
+        };
+        let other = cell_of(6);
+        let acts: [&dyn Fn(&mut Single<'_>) -> Result<(), SingleError>; 9] = [
+            &|single| single.move_joints(AT, 10, &other),
+            &|single| single.move_line(&line, &other),
+            &|single| single.call(0, &other),
+            &|single| single.set_output("light", true, &other, Duration::ZERO),
+            &|single| single.set_output("tool", false, &other, Duration::ZERO),
+            &|single| single.set(Command::SetBase(KukaPose::default()), &other),
+            &|single| single.set(Command::SetTcp(line.tool), &other),
+            &|single| single.set(speeds(10.0, 1.0, 10), &other),
+            &|single| single.set(Command::SetDigin(Signal { number: 33, on: true }), &other),
+        ];
+        for (place, act) in acts.iter().enumerate() {
+            assert_eq!(refused(act, &other), ["other_programs"], "{place}");
+        }
+        let same = cell_of(5);
+        assert_eq!(refused(&|single| single.move_joints(AT, 10, &same), &same), ["arm_model"]);
     }
 }

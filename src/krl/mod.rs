@@ -23,6 +23,7 @@ mod lex;
 mod limits;
 mod machine;
 mod motion;
+mod outline;
 mod parse;
 mod program;
 mod routines;
@@ -38,6 +39,7 @@ pub use code::{Address, Cell, Entry, LocalVariable, Location, Op, Shared, Space}
 pub use compile::{Analysis, analyse};
 pub use lex::RESERVED;
 pub use machine::{Caller, EkiAnswer, Host, INTERRUPT_DEPTH, Interpreter, Meaning, Memory, MotionRequest, Pause};
+pub use outline::{DeclaredVariable, StatedCall, StatedCase, StatedRoutine};
 pub use parse::parse;
 pub use program::Program;
 pub use routines::Builtin;

@@ -10,6 +10,7 @@ use super::planned::{Plan, Waypoint};
 use super::reach::{self, Leg, Obstacles, ReachFault, between, follow, retracts};
 use super::waypoint_gate::{Route, WaypointLimits, broken_by_route};
 use crate::cell::{self, Limits};
+use crate::controller::AIR_ACCELERATION_M_S2;
 use crate::geometry::{Base, Degrees, Flange, Joints, KukaPose, Panel, Rigid, Tool, Vector};
 use crate::number_text::apart;
 use crate::recipe;
@@ -25,7 +26,6 @@ const BLEND_SHARE: f64 = 0.2;
 const AIR_BLEND_MM: f64 = 5.0;
 /// Speed through air, mm/s, if the cell allows it.
 const AIR_MM_S: f64 = 200.0;
-const ACCELERATION_M_S2: f64 = 1.0;
 
 /// Limits of the difference between the tip's pose calculated with the cell's arm and the one that the controller
 /// reports, mm and degrees. A larger difference means another arm, another tool or another zero of an axis.
@@ -138,7 +138,7 @@ pub fn air_at<Active: crate::geometry::Frame>(
         speed_m_s: None,
     });
     let speed_mm_s = speed_mm_s.min(standing.limits.max_speed_mm_s());
-    gated(standing, base_from_active, (from, points.collect()), (taught_axis, speed_mm_s, ACCELERATION_M_S2))
+    gated(standing, base_from_active, (from, points.collect()), (taught_axis, speed_mm_s, AIR_ACCELERATION_M_S2))
 }
 
 /// Returns the plan with every contact point lifted off the panel, along the tool's axis.

@@ -149,6 +149,10 @@ pub struct EarlierPass {
     pub grid: Option<String>,
     /// Whether the grid was certainly touched.
     pub is_sure: bool,
+    /// Whether a person stated this pass at the start of the cycle: the store was restored from a backup and lacks the
+    /// cycle of the pass.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub is_stated: bool,
 }
 
 /// Returns what the tool touched, or may have touched: according to the findings, and without a finding according to

@@ -18,6 +18,25 @@ pub struct PartNames {
     pub operator: Option<String>,
 }
 
+/// A person's statement at a start after the store was restored from a backup: how often the part was abraded in the
+/// cycles that the restored store lacks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LostPasses {
+    /// The number of passes.
+    pub passes: u8,
+}
+
+impl LostPasses {
+    /// Name of the stored file with this statement, among a cycle's [`files`](super::CycleRecord::files).
+    pub const FILE: &'static str = "lost_passes";
+
+    /// Reads the statement from the stored file; `None` if this program did not write the text.
+    pub fn read(text: &str) -> Option<LostPasses> {
+        toml::from_str(text).ok()
+    }
+}
+
 impl PartNames {
     /// Name of the stored file with these names, among a cycle's [`files`](super::CycleRecord::files).
     pub const FILE: &'static str = "part";

@@ -41,6 +41,8 @@ pub enum Lack {
     MissingFile,
     /// A file that the cell's file names exists, but is not right.
     WrongFile,
+    /// The programs of a real controller were not accepted: the cell may be commissioned, but no cycle starts.
+    Acceptance,
 }
 
 impl Unmet {

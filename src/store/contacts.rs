@@ -41,8 +41,10 @@ pub(super) const TABLES: &str = "
 /// Evidence in a cycle that another part is present afterwards, or was present before.
 #[derive(Debug, Clone, Copy)]
 struct PartEnds {
-    /// The cycle ended with pass or fail by a film, after which the part is removed.
-    has_result: bool,
+    /// The cycle ended with pass by a film, after which the part is removed.
+    passes: bool,
+    /// The cycle ended with fail by a film.
+    fails: bool,
     /// The cycle's start stated that another part than before is present.
     is_another: bool,
 }
@@ -131,10 +133,11 @@ impl Store {
     }
 
     /// The places on this cycle's part at which the tool was, or may have been, in earlier cycles. Cycles with the
-    /// same serial number count, and those that named none. They count until a cycle of that part had a result by a
-    /// film, pass or fail, after which the part is taken out of the cell. They also count only until a start stated
-    /// that another part is present. An air-run, an abort, a reject and a part with another serial number end no
-    /// count.
+    /// same serial number count, and those that named none. They count until a cycle of that part passed by a film,
+    /// after which the part is taken out of the cell. They also count only until a start stated that another part is
+    /// present. A fail by a film ends the count of a part with this serial number; without one, nothing shows that the
+    /// next part is another one. An air-run, an abort, a reject and a part with another serial number end no count.
+    /// Passes that a person stated after a restore count as well.
     ///
     /// # Errors
     /// If it cannot be read.
@@ -147,11 +150,22 @@ impl Store {
                     |known: &&mut EarlierPass| (known.cycle, known.pass, &known.grid) == (cycle, pass, &grid);
                 match earlier.iter_mut().find(is_known) {
                     Some(known) => known.is_sure |= how.is_sure(),
-                    None => earlier.push(EarlierPass { cycle, pass, grid, is_sure: how.is_sure() }),
+                    None => {
+                        earlier.push(EarlierPass { cycle, pass, grid, is_sure: how.is_sure(), is_stated: false });
+                    }
                 }
             }
+            earlier.extend(self.stated_passes(cycle)?);
         }
+        earlier.extend(self.stated_passes(id)?);
         Ok(earlier)
+    }
+
+    /// The passes in lost cycles that the start of this cycle stated.
+    fn stated_passes(&self, cycle: CycleId) -> Result<impl Iterator<Item = EarlierPass> + use<>, StoreError> {
+        let passes = self.lost_passes(cycle)?;
+        let stated = move |pass| EarlierPass { cycle, pass, grid: None, is_sure: true, is_stated: true };
+        Ok((1..=passes).map(stated))
     }
 
     /// The earlier cycles that may have had the part of this cycle, in order.
@@ -177,15 +191,16 @@ impl Store {
             if !may_be_it || over.contains(&of) {
                 continue;
             }
-            let PartEnds { has_result, is_another } = self.ends_of_a_part(cycle).map_err(failed)?;
-            if !has_result {
+            let PartEnds { passes, fails, is_another } = self.ends_of_a_part(cycle).map_err(failed)?;
+            let is_over = passes || (fails && !serial.is_empty() && of == serial);
+            if !is_over {
                 found.push(CycleId(cycle));
             }
             // If a start stated that this part is another one, it differs from all parts before.
             if is_another && of == serial {
                 break;
             }
-            if has_result || is_another {
+            if is_over || is_another {
                 over.insert(of);
             }
             if over.contains(&serial) && over.contains("") {
@@ -197,12 +212,15 @@ impl Store {
     }
 
     fn ends_of_a_part(&self, cycle: i64) -> Result<PartEnds, rusqlite::Error> {
-        let sql = "SELECT coalesce(verdict IN (?2, ?3), 0)
-                 AND EXISTS (SELECT 1 FROM findings WHERE cycle_id = cycles.id AND kind = ?4),
-                 EXISTS (SELECT 1 FROM json_each(files) WHERE value ->> 'name' = ?5)
-             FROM cycles WHERE id = ?1";
+        let sql = "SELECT coalesce(verdict = ?2, 0) AND has_film, coalesce(verdict = ?3, 0) AND has_film, is_another FROM (
+                 SELECT verdict, EXISTS (SELECT 1 FROM findings WHERE cycle_id = cycles.id AND kind = ?4) AS has_film,
+                     EXISTS (SELECT 1 FROM json_each(files) WHERE value ->> 'name' = ?5) AS is_another
+                 FROM cycles WHERE id = ?1
+             )";
         let (pass, fail, film) = (Verdict::Pass.word(), Verdict::Fail.word(), Kind::Inspect.word());
-        let ends = |row: &rusqlite::Row<'_>| Ok(PartEnds { has_result: row.get(0)?, is_another: row.get(1)? });
+        let ends = |row: &rusqlite::Row<'_>| {
+            Ok(PartEnds { passes: row.get(0)?, fails: row.get(1)?, is_another: row.get(2)? })
+        };
         self.connection.prepare_cached(sql)?.query_row(params![cycle, pass, fail, film, ANOTHER_PART], ends)
     }
 

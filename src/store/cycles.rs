@@ -48,14 +48,18 @@ pub struct CycleStart {
     pub file_texts: Vec<(String, String)>,
     /// The file in which the cycle is recorded, if it is recorded.
     pub recording: Option<RecordingFile>,
+    /// Whether the cycle is an air-run, which abrades nothing.
+    pub is_air_run: bool,
 }
 
 impl Store {
     /// Stores that a cycle begins, with everything that it uses.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// If it cannot be written, or if cycles are lost by a restore and the start does not state what happened to the
+    /// part in them.
     pub fn begin_cycle(&mut self, start: &CycleStart) -> Result<CycleId, StoreError> {
+        self.check_count(start)?;
         let kept = |(name, text): &(String, String)| {
             Ok(KeptFile { name: name.clone(), hash: self.put_blob(text.as_bytes())? })
         };

@@ -1,5 +1,6 @@
 //! Errors of the store.
 
+use super::lost_count::LostCount;
 use std::path::{Path, PathBuf};
 
 /// Why data could not be stored or read.
@@ -103,6 +104,9 @@ pub enum StoreError {
         /// The requested cycle.
         id: i64,
     },
+    /// The abrasions of a part cannot be counted.
+    #[error("{0}")]
+    CountUnknown(LostCount),
     /// A row cannot be decoded.
     #[error("a row of the store {} does not read back: {problem}; restore it from a copy", path.display())]
     Unreadable {

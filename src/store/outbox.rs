@@ -12,12 +12,10 @@ use super::database::{Store, unix_ms};
 use super::error::StoreError;
 use super::prune;
 use crate::calib::health::Verification;
-use crate::cycle::{Event, Report};
 use crate::office::{Body, CycleEnd, Envelope, Kind, Listed, NamedFile, Position, VerificationSeen};
 use crate::record::CycleId;
 use crate::signing::{self, SignedCycle, Statement};
 use rusqlite::{Connection, OptionalExtension, Row, params};
-use std::fs;
 use std::path::Path;
 
 pub(super) const TABLES: &str = "
@@ -38,13 +36,8 @@ pub(super) const TABLES: &str = "
     ) STRICT;
 ";
 
-/// Why an epoch begins after a restore; the number above which cycles continue follows it.
-const RESTORED_ABOVE: &str = "the store was restored from a backup; cycles are numbered above ";
 /// The reason for the first epoch of a store.
 const NEW_STORE: &str = "new store";
-/// Marks a store that was restored and not opened since.
-const RESTORED: &str = "panelprep.restored";
-
 /// Begins the first epoch and adds the rows of an earlier program, in their order. Part of a transaction, before
 /// the tables are added to a chain if there is none yet.
 pub(super) fn begin(connection: &Connection, is_chained: bool) -> Result<(), rusqlite::Error> {
@@ -183,45 +176,6 @@ impl Store {
     /// If the store cannot be opened or written.
     pub fn renew_outbox(folder: &Path, why: &str) -> Result<(), StoreError> {
         Store::for_one_row(folder)?.begin_epoch(why)
-    }
-
-    /// Marks the folder of a restored store: the store lacks the rows that were written after it was copied. Its next
-    /// start begins a new epoch and rests in Aborted. Cycles are numbered above the last one of the store that it
-    /// replaces, if that could be read.
-    ///
-    /// # Errors
-    /// If it cannot be written.
-    pub fn mark_restored(folder: &Path, replaced: Option<CycleId>) -> Result<(), StoreError> {
-        let path = folder.join(RESTORED);
-        let last = replaced.map_or(String::new(), |last| last.0.to_string());
-        fs::write(&path, last).map_err(|source| StoreError::File { doing: "write", path, source })
-    }
-
-    /// Begins a new epoch if the store was restored, and leaves the cell aborted.
-    pub(super) fn begin_epoch_if_restored(&mut self) -> Result<(), StoreError> {
-        let path = self.folder().join(RESTORED);
-        let replaced = match fs::read_to_string(&path) {
-            Ok(text) => text.trim().parse::<i64>().unwrap_or(0),
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(()),
-            Err(source) => return Err(StoreError::File { doing: "read", path, source }),
-        };
-        self.recover()?;
-        self.append(&Event::Reported(Report::StoreRestored), None)?;
-        let sql = "SELECT coalesce(max(id), 0) FROM cycles";
-        let own: i64 = self
-            .connection
-            .query_row(sql, [], |row| row.get(0))
-            .map_err(|error| self.failed("read the cycles of", &error))?;
-        self.begin_epoch(&format!("{RESTORED_ABOVE}{}", own.max(replaced)))?;
-        fs::remove_file(&path).map_err(|source| StoreError::File { doing: "remove", path, source })
-    }
-
-    /// The number above which cycles continue after restores; 0 if there was none.
-    pub(super) fn numbered_above(&self) -> Result<i64, StoreError> {
-        let sql = "SELECT coalesce(max(CAST(substr(why, length(?1) + 1) AS INTEGER)), 0) FROM outbox_epochs
-             WHERE substr(why, 1, length(?1)) = ?1";
-        let above = self.connection.query_row(sql, [RESTORED_ABOVE], |row| row.get(0));
-        above.map_err(|error| self.failed("read the epochs of", &error))
     }
 
     pub(super) fn begin_epoch(&mut self, why: &str) -> Result<(), StoreError> {

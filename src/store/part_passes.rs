@@ -2,8 +2,8 @@
 
 use super::database::Store;
 use super::error::StoreError;
-use crate::record::{CycleId, CycleRecord, PartNames, passes, removed_bound_um};
-use rusqlite::params;
+use crate::record::{CycleId, CycleRecord, LostPasses, PartNames, passes, removed_bound_um};
+use rusqlite::{OptionalExtension, params};
 
 /// Number of abrasions of a part in one cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,8 +32,30 @@ impl Store {
         PartNames::read(&String::from_utf8(self.blob(&kept.hash).ok()?).ok()?)
     }
 
+    /// The passes in lost cycles that the start of this cycle stated; 0 if it stated none.
+    ///
+    /// # Errors
+    /// If the statement is missing or damaged in the store: it is then not known how many passes count.
+    pub fn lost_passes(&self, cycle: CycleId) -> Result<u8, StoreError> {
+        let sql =
+            "SELECT value ->> 'hash' FROM cycles, json_each(files) WHERE cycles.id = ?1 AND value ->> 'name' = ?2";
+        let read = || -> Result<Option<String>, rusqlite::Error> {
+            self.connection
+                .prepare_cached(sql)?
+                .query_row(params![cycle.0, LostPasses::FILE], |row| row.get(0))
+                .optional()
+        };
+        let Some(hash) = read().map_err(|error| self.failed("read a cycle of", &error))? else { return Ok(0) };
+        let text = String::from_utf8(self.blob(&hash)?).unwrap_or_default();
+        let stated = LostPasses::read(&text).ok_or_else(|| StoreError::Unreadable {
+            path: self.path().to_owned(),
+            problem: format!("the passes in lost cycles that the start of cycle {cycle} stated"),
+        })?;
+        Ok(stated.passes)
+    }
+
     /// The cycles in which the part with this serial number was abraded, or may have been, in order; only those
-    /// before `before` if it is given.
+    /// before `before` if it is given. Passes in lost cycles count for the cycle whose start stated them.
     ///
     /// # Errors
     /// If a cycle cannot be read.
@@ -60,10 +82,13 @@ impl Store {
         let mut all = Vec::new();
         for cycle in cycles {
             let record = self.cycle(cycle)?;
-            let passes = passes(&record.findings, &record.motions);
+            let own = passes(&record.findings, &record.motions);
+            let lost = usize::from(self.lost_passes(cycle)?);
+            let passes = own + lost;
             if passes > 0 {
-                let (started_unix_s, removed_um) =
-                    (record.started_unix_s, removed_bound_um(&record.findings, passes));
+                // The statement contains no depth.
+                let removed_um = removed_bound_um(&record.findings, own).filter(|_| lost == 0);
+                let started_unix_s = record.started_unix_s;
                 all.push(PassesOfCycle { cycle, started_unix_s, passes, removed_um });
             }
         }

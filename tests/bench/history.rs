@@ -78,6 +78,7 @@ fn write(store: &mut Store, cycles: usize) -> Result<(), panelprep::store::Store
             recipe_text: "panel = \"wing\"\n".to_owned(),
             file_texts: vec![(PartNames::FILE.to_owned(), part), ("cell".to_owned(), "[limits]\n".to_owned())],
             recording: None,
+            is_air_run: false,
         };
         let id = store.begin_cycle(&start)?;
         if index + TREND * PANELS.len() >= cycles {

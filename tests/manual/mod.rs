@@ -7,6 +7,7 @@ mod installed;
 mod messages;
 mod pages;
 mod person;
+mod proofs;
 mod scenery;
 
 use super::goal::Figure;

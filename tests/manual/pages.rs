@@ -85,7 +85,7 @@ fn wrong(line: &str, program: &clap::Command) -> Option<String> {
         command = inner;
         words.next();
     }
-    let is_placeholder = |word: &str| word.chars().all(|c| c.is_ascii_uppercase());
+    let is_placeholder = |word: &str| word == "…" || word.chars().all(|c| c.is_ascii_uppercase());
     let first = words.peek().copied().unwrap_or_default();
     if command.has_subcommands() && !first.is_empty() && !first.starts_with('-') && !is_placeholder(first) {
         return Some(format!("{} has no command {first}", command.get_name()));
@@ -125,7 +125,7 @@ fn the_pages_name_no_command_that_is_not_there() {
             && wrong("panelprep shoot --fast", &program).is_some()
     );
     let (mut seen, mut found) = (0, Vec::new());
-    for name in names().iter().map(String::as_str).chain(["README.md", "../trial.md"]) {
+    for name in names().iter().map(String::as_str).chain(["README.md", "../trial.md", "../kuka/README.md"]) {
         let text = fs::read_to_string(folder().join(name)).expect("a page");
         let typed = steps(&text).into_iter().filter_map(|step| match step {
             Step::Command(line) => Some(line),

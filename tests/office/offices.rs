@@ -132,6 +132,7 @@ impl Cell {
                 recipe_text: format!("# {number}\n"),
                 file_texts: vec![("cell".to_owned(), "x = 1\n".to_owned())],
                 recording: None,
+                is_air_run: false,
             };
             let id: CycleId = self.store.begin_cycle(&start).expect("begun");
             self.store.conclude(id, Verdict::Pass, &[]).expect("over");

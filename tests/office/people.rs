@@ -4,11 +4,12 @@ use super::offices::{Cell, Plant, TIMEOUT, runtime};
 use super::with_office;
 use crate::commands::{json, started};
 use crate::operator_page::{in_browser, modules};
-use crate::plant::free_port;
+use crate::plant::{archive_settings, database, free_port, postgres_programs};
 use crate::service::{START, Service, taught};
 use panelprep::broker::CellLink;
 use panelprep::store::Store;
 use std::fs;
+use std::path::Path;
 use std::process::Child;
 use std::time::{Duration, Instant};
 
@@ -68,6 +69,74 @@ fn people_look_at_all_cells_in_a_browser() {
     let told = browser.wait_with_output().expect("it ends");
     let [words, problems] = [&told.stdout, &told.stderr].map(|text| String::from_utf8_lossy(text));
     assert!(told.status.success() && words.lines().last() == Some("whole"), "{words}\n{problems}");
+}
+
+/// A session of the office's page ends when its account gets another password. It needs the database alone.
+#[test]
+fn an_office_session_ends_when_its_account_changes() {
+    let Some(programs) = postgres_programs() else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let _database = database(&programs, folder.path(), free_port_of_database(folder.path()));
+    let port = free_port();
+    let settings = folder.path().join("archive.toml");
+    let text = fs::read_to_string(&settings).expect("settings");
+    fs::write(&settings, text + &format!("[fleet]\nlisten = \"127.0.0.1:{port}\"\n")).expect("written");
+    // The archive makes the tables; it waits for a broker that does not come.
+    let _archive = Ends(started(folder.path(), "archive run --settings archive.toml"));
+    keep_account(folder.path(), "a long password");
+    let _fleet = Ends(started(folder.path(), "fleet --settings archive.toml"));
+    let since = Instant::now();
+    while std::net::TcpStream::connect(("127.0.0.1", port)).is_err() {
+        assert!(since.elapsed() < TIMEOUT, "the office's page does not listen");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    let form = "name=office&password=a+long+password";
+    let answer = ask(
+        port,
+        &format!(
+            "POST /login HTTP/1.1\r\nContent-Type: application/x-www-form-urlencoded\r\nContent-Length: {}",
+            form.len()
+        ),
+        form,
+    );
+    let cookie = answer.lines().find_map(|line| line.strip_prefix("set-cookie: ")?.split(';').next());
+    let cookie = cookie.unwrap_or_else(|| panic!("{answer}"));
+    let page = || ask(port, &format!("GET /recipes HTTP/1.1\r\nCookie: {cookie}"), "");
+    assert!(page().starts_with("HTTP/1.1 200"), "{}", page());
+    keep_account(folder.path(), "another long password");
+    let ended = page();
+    assert!(ended.starts_with("HTTP/1.1 303") && ended.contains("location: /login"), "{ended}");
+}
+
+fn free_port_of_database(folder: &Path) -> u16 {
+    let port = free_port();
+    archive_settings(folder, free_port(), port);
+    port
+}
+
+/// Writes the account `office` with this password, once the database has its tables.
+fn keep_account(folder: &Path, password: &str) {
+    let since = Instant::now();
+    let is_kept = || {
+        let mut made = started(folder, "archive account office --printed-name Office --settings archive.toml");
+        let line = format!("{password}\n");
+        std::io::Write::write_all(&mut made.stdin.take().expect("an input"), line.as_bytes()).expect("written");
+        made.wait().expect("it ends").success()
+    };
+    while !is_kept() {
+        assert!(since.elapsed() < TIMEOUT, "the account is not kept");
+        std::thread::sleep(Duration::from_millis(200));
+    }
+}
+
+/// Returns the answer to one request of a browser.
+fn ask(port: u16, head: &str, body: &str) -> String {
+    use std::io::{Read, Write};
+    let mut stream = std::net::TcpStream::connect(("127.0.0.1", port)).expect("connected");
+    write!(stream, "{head}\r\nHost: 127.0.0.1:{port}\r\nConnection: close\r\n\r\n{body}").expect("sent");
+    let mut answer = Vec::new();
+    stream.read_to_end(&mut answer).expect("answered");
+    String::from_utf8_lossy(&answer).into_owned()
 }
 
 /// A child process that is killed when the test ends.

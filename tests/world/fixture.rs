@@ -123,6 +123,7 @@ impl Fixture {
             recipe_text: "the recipe of the simulated world".to_owned(),
             file_texts: Vec::new(),
             recording: None,
+            is_air_run: false,
         };
         let request = cycle::Request::Start { max_passes: 2, max_moves: 3, dries: false };
         PreparedCycle { request, setup: self.cycle.clone(), start, recording: None, remarks: vec![] }

@@ -104,6 +104,9 @@ pub struct Inside {
     pub backup: Option<Backup>,
     /// Whether the next cycle is for another part.
     pub is_another_part: bool,
+    /// Number of passes of the present part that a restored store lacks, and whether the next start states it.
+    pub lost_passes: usize,
+    pub states_lost_passes: bool,
     /// The planned end of the process at one of its writes.
     pub power: Option<Power>,
     pub counts: Counts,
@@ -225,6 +228,8 @@ impl Inside {
             restores: false,
             backup: None,
             is_another_part: false,
+            lost_passes: 0,
+            states_lost_passes: false,
             power: None,
             counts: Counts::default(),
             violation: None,

@@ -194,7 +194,8 @@ impl Ledger {
     /// Returns this ledger of an earlier store, which replaces the store of the later ledger; numbers continue above
     /// those of the replaced store.
     pub fn replaces(self, later: &mut Ledger) -> Self {
-        Ledger { told_to: later.told_to.take(), last: later.last, ..self }
+        let touched = self.touched.replaces(&later.touched);
+        Ledger { told_to: later.told_to.take(), last: later.last, touched, ..self }
     }
 
     /// Returns a hash of the journal.
@@ -246,12 +247,12 @@ impl Ledger {
             return Err(format!("cycles {open:?} have no end, running {}", left.job.running));
         }
         self.cycles(store)?;
-        // A start keeps a verdict that was decided but not yet reported; a result by a film ends the part's count.
+        // A start keeps a verdict that was decided but not yet reported; a pass by a film ends the part's count.
         if let Some(last) = self.decided.keys().next_back() {
             let record = store.cycle(*last).map_err(|error| words(&error))?;
             let verdict = record.judgement.as_ref().map(|judgement| judgement.verdict);
             let has_film = record.findings.iter().any(|finding| finding.kind == Kind::Inspect);
-            if has_film && matches!(verdict, Some(Verdict::Pass | Verdict::Fail)) {
+            if has_film && verdict == Some(Verdict::Pass) {
                 self.touched.has_result(*last);
             }
         }

@@ -13,7 +13,7 @@ use super::sabotage::Sabotage;
 use super::script::{self, Press};
 use panelprep::cycle::{self, At, Cause, Id, Robot, State, Trouble, Why};
 use panelprep::daemon::{LoopEvent, Port, Request, RequestAnswer, RequestCommand, RequestKind};
-use panelprep::record::{ANOTHER_PART, CycleId};
+use panelprep::record::{ANOTHER_PART, CycleId, LostPasses};
 use panelprep::supervision::{Failure, ThreadFault};
 use panelprep::verdict::Verdict;
 use std::collections::VecDeque;
@@ -159,7 +159,7 @@ impl People {
             world.wrong("end", format!("the world does not end: {at:?}, {aim:?}, troubled {troubled}"));
         }
         while let Some(press) = world.pressed.pop_front() {
-            whats(press, world.is_another_part).into_iter().for_each(|what| desk.ask(SOMEBODY, what));
+            whats(press, world.stated()).into_iter().for_each(|what| desk.ask(SOMEBODY, what));
         }
         let now = Shown::from_state(state);
         if self.shown.back() != Some(&now) {
@@ -173,12 +173,12 @@ impl People {
                 script::requests(press).into_iter().for_each(|request| desk.decides(request, *shown, carries));
             }
         }
-        let is_another_part = world.is_another_part;
+        let stated = world.stated();
         let away_until_ms = world.away_until_ms;
         drop(world);
         if desk.is_free() && now_ms >= away_until_ms.max(self.looked_ms + POLL_INTERVAL_MS) {
             self.looked_ms = now_ms;
-            if let Some(what) = self.usual(state, is_another_part) {
+            if let Some(what) = self.usual(state, stated) {
                 let is_leave = matches!(what, RequestKind::Leave);
                 // A second request to leave would abort.
                 if !(is_leave && std::mem::replace(&mut self.has_left, true)) {
@@ -227,7 +227,7 @@ impl People {
     }
 
     /// Returns the request of a person who follows the manual.
-    fn usual(&mut self, state: &State, is_another_part: bool) -> Option<RequestKind> {
+    fn usual(&mut self, state: &State, stated: Stated) -> Option<RequestKind> {
         let is_ready = state.facts.robot == Robot::Ready;
         let table = |request| Some(RequestKind::Table(request));
         let has_recovered = self.has_recovered(state);
@@ -246,7 +246,7 @@ impl People {
                 table(cycle::Request::Stop)
             }
             (_, At::Stopped | At::Complete { .. }) if is_ready => table(cycle::Request::Reset),
-            (_, At::Idle) if is_ready => Some(begin(is_another_part)),
+            (_, At::Idle) if is_ready => Some(begin(stated)),
             (_, At::Aborted { cause }) if is_ready => {
                 // The arm is left somewhere near the panel: the message tells the person to jog it away.
                 if cause == Cause::Trouble(Trouble::Gate) {
@@ -291,7 +291,7 @@ impl People {
             LoopEvent::Begun(..) => {
                 let mut world = self.world.lock();
                 world.counts.cycles += 1;
-                world.is_another_part = false;
+                (world.is_another_part, world.states_lost_passes) = (false, false);
                 // If the arm is near the panel at a pose at which no path left it, a person must jog it away.
                 let is_calm = world.now_ms() >= world.lasts_until_ms + CALM_MS
                     && !world.is_troubled()
@@ -304,6 +304,8 @@ impl People {
                 self.held = 0;
                 self.ended += 1;
                 let mut world = self.world.lock();
+                // A part that failed is often taken out, but not always.
+                world.is_another_part |= *verdict == Verdict::Fail && self.ended.is_multiple_of(2);
                 if std::mem::take(&mut self.is_untroubled) {
                     self.is_cause_due = self.is_body_near && *verdict == Verdict::Aborted;
                     if !self.is_cause_due {
@@ -313,7 +315,16 @@ impl People {
                 *world.counts.verdicts.entry(verdict.word()).or_default() += 1;
                 judges::concluded(&mut world, *verdict);
             }
-            LoopEvent::Unable(reasons) => tracing::debug!("unable: {reasons:?}"),
+            LoopEvent::Unable(reasons) => {
+                tracing::debug!("unable: {reasons:?}");
+                let mut world = self.world.lock();
+                if reasons.iter().any(|reason| reason.message.contains("--lost-passes")) {
+                    // As the message requires: another part, or the number of the lost passes.
+                    let is_another = world.counts.restores.is_multiple_of(2);
+                    (world.is_another_part, world.states_lost_passes) = (is_another, !is_another);
+                    world.counts.judged("a restored store asks for the count");
+                }
+            }
             _ => {}
         }
     }
@@ -372,24 +383,41 @@ fn asks_for_a_jog(state: &State) -> bool {
     state.at == At::Aborted { cause: Cause::Trouble(Trouble::Gate) }
 }
 
-fn begin(is_another_part: bool) -> RequestKind {
+/// What the people state at a start about the part.
+#[derive(Debug, Clone, Copy)]
+pub struct Stated {
+    pub is_another_part: bool,
+    pub lost_passes: Option<usize>,
+}
+
+impl Inside {
+    fn stated(&self) -> Stated {
+        let lost_passes = self.states_lost_passes.then_some(self.lost_passes);
+        Stated { is_another_part: self.is_another_part, lost_passes }
+    }
+}
+
+fn begin(Stated { is_another_part, lost_passes }: Stated) -> RequestKind {
     let mut prepared = Fixture::get().prepared();
     if is_another_part {
         prepared.start.file_texts.push((ANOTHER_PART.to_owned(), "yes".to_owned()));
     }
+    if let Some(passes) = lost_passes {
+        prepared.start.file_texts.push((LostPasses::FILE.to_owned(), format!("passes = {passes}\n")));
+    }
     RequestKind::Begin(Box::new(prepared))
 }
 
-fn whats(press: Press, is_another_part: bool) -> Vec<RequestKind> {
+fn whats(press: Press, stated: Stated) -> Vec<RequestKind> {
     match press {
-        Press::Start => vec![begin(is_another_part)],
+        Press::Start => vec![begin(stated)],
         Press::NewDisc => vec![RequestKind::NewDisc],
         Press::Leave => vec![RequestKind::Leave],
         Press::Unprepared => vec![RequestKind::Unprepared { recipe: "none.toml".to_owned(), reasons: vec![] }],
         Press::Everything => script::requests(press)
             .into_iter()
             .map(RequestKind::Table)
-            .chain([begin(is_another_part), RequestKind::NewDisc])
+            .chain([begin(stated), RequestKind::NewDisc])
             .collect(),
         press => script::requests(press).into_iter().map(RequestKind::Table).collect(),
     }

@@ -135,8 +135,8 @@ impl Record<'_> {
                 }
             }
             (Counted::Finds, _) => self.has_film = true,
-            (_, RecordAnswer::Concluded(Verdict::Pass | Verdict::Fail)) if self.has_film => {
-                // The part is taken out.
+            (_, RecordAnswer::Concluded(Verdict::Pass)) if self.has_film => {
+                // The part is taken out. A part that failed stays until a start states that another one is there.
                 touched.another_part();
             }
             (_, RecordAnswer::Earlier(earlier)) if touched.has_part() => {

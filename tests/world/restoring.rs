@@ -49,6 +49,7 @@ impl Running {
             store: Some(&self.store()),
             wanted: RestoredParts { store: true, configuration: false },
             permission: Permission { replace_store: true, ..Permission::default() },
+            last_cycle: None,
         };
         let restored = backup::restore(&plan);
         let mut world = self.world.lock();
@@ -64,13 +65,12 @@ impl Running {
             // Neither the store nor the restarted controller knows these epochs any more.
             world.oracles.epochs_begin_anew();
         }
-        // A part that may have been treated since the backup is taken out, as the message requires.
-        world.is_another_part = true;
         drop(world);
         if self.sabotage == Some(Sabotage::UnmarkedRestore) {
             let _ = std::fs::remove_file(self.store().join(RESTORED));
         }
         self.ledger = backup.ledger.replaces(&mut self.ledger);
+        self.world.lock().lost_passes = self.ledger.touched.lost();
         self.is_restored = true;
         self.watch();
     }

@@ -14,6 +14,8 @@ pub struct Touched {
     all: BTreeSet<Place>,
     /// Grids touched on the present part, in cycles before the present one.
     part: BTreeSet<Place>,
+    /// Grids touched on the present part after the backup that replaced the store.
+    lost: BTreeSet<Place>,
     /// The open contact path, and its cycle.
     path: Option<(CycleId, ContactPath)>,
 }
@@ -40,17 +42,37 @@ impl Touched {
 
     /// Returns whether something was touched on the present part.
     pub fn has_part(&self) -> bool {
-        !self.part.is_empty()
+        !self.part.is_empty() || !self.lost.is_empty()
     }
 
     /// Notes that another part is in the cell.
     pub fn another_part(&mut self) {
         self.part.clear();
+        self.lost.clear();
+    }
+
+    /// Number of passes on the present part that the store may have lost.
+    pub fn lost(&self) -> usize {
+        passes_of(self.lost.iter())
+    }
+
+    /// Returns these places of an earlier store, which replaces the store of the later ones. The part in the cell stays
+    /// as the arm left it.
+    pub fn replaces(self, later: &Touched) -> Self {
+        let (part, lost): (BTreeSet<Place>, BTreeSet<Place>) =
+            later.part.iter().cloned().partition(|place| self.all.contains(place));
+        Touched {
+            part,
+            lost: lost.into_iter().chain(later.lost.iter().cloned()).collect(),
+            path: None,
+            all: self.all,
+        }
     }
 
     /// Notes that the part has its result in this cycle and is taken out.
     pub fn has_result(&mut self, cycle: CycleId) {
         self.part.retain(|(of, ..)| *of > cycle);
+        self.lost.retain(|(of, ..)| *of > cycle);
     }
 
     /// Returns grids that were touched on this part and that a new cycle does not count, if there are any.
@@ -61,6 +83,12 @@ impl Touched {
             };
             Some(*of) == cycle || counted.iter().any(is_it)
         };
+        let stated = counted.iter().filter(|known| known.is_stated).count();
+        // A pass whose permits are in the backup is counted without a statement.
+        let lost = passes_of(self.lost.iter().filter(|place| !knows(place)));
+        if stated < lost {
+            return Some(format!("{lost} passes were lost by a restore, and {stated} are counted"));
+        }
         let forgotten = self.part.iter().find(|place| !knows(place))?;
         Some(format!(
             "{} was touched in cycle {}, pass {}, and is not counted",
@@ -86,4 +114,9 @@ impl Touched {
     pub fn cycles(&self) -> impl Iterator<Item = &CycleId> {
         self.all.iter().map(|(cycle, ..)| cycle)
     }
+}
+
+/// Returns the number of passes in which these places were touched.
+fn passes_of<'p>(places: impl Iterator<Item = &'p Place>) -> usize {
+    places.map(|(cycle, pass, _)| (cycle, pass)).collect::<BTreeSet<_>>().len()
 }

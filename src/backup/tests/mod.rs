@@ -6,7 +6,9 @@ mod forgery;
 
 use super::*;
 use crate::geometry::KukaPose;
-use crate::store::{Store, Taught, TaughtCorner, Teaching};
+use crate::record::CycleId;
+use crate::store::{CycleStart, Store, StoreError, Taught, TaughtCorner, Teaching};
+use crate::verdict::Verdict;
 use std::collections::BTreeMap;
 use std::fs;
 use std::os::unix::net::UnixListener;
@@ -70,7 +72,14 @@ fn teaching() -> Teaching {
 }
 
 fn plan<'p>(archive: &'p Path, cell: &'p Path) -> Plan<'p> {
-    Plan { archive, cell, store: None, wanted: BOTH, permission: Permission::default() }
+    Plan {
+        archive,
+        cell,
+        store: None,
+        wanted: BOTH,
+        permission: Permission::default(),
+        last_cycle: Some(CycleId(0)),
+    }
 }
 
 /// Returns every file below a folder with its content, and the folders.
@@ -195,4 +204,52 @@ fn files_outside_of_the_cells_folder_need_a_word() {
     let refused =
         restore(&Plan { permission, ..plan(&archive, &cell.at("x/cell.toml")) }).expect_err("no store").to_string();
     assert!(refused.contains("holds no store"), "{refused}");
+}
+
+/// On a new computer nothing shows which numbers of cycles were used: they are stated, or nothing is restored. A number
+/// below those of the backup is a mistake.
+#[test]
+fn without_a_replaced_store_a_person_states_the_last_cycle() {
+    let cell = SmallCell::new();
+    let start = CycleStart {
+        panel: "wing".to_owned(),
+        taught_version: "1".to_owned(),
+        recipe_text: RECIPE.to_owned(),
+        file_texts: vec![],
+        recording: None,
+        is_air_run: false,
+    };
+    let mut store = Store::create(&cell.at("store")).expect("a store");
+    for _ in 0..2 {
+        let id = store.begin_cycle(&start).expect("begun");
+        store.conclude(id, Verdict::Aborted, &[]).expect("concluded");
+    }
+    drop(store);
+    let (archive, file) = (cell.at("cell.tar.zst"), cell.at("other/cell.toml"));
+    cell.backup(&archive).expect("written");
+    let restored = |last_cycle| restore(&Plan { last_cycle, ..plan(&archive, &file) });
+    let told = restored(None).expect_err("refused").to_string();
+    assert!(told.contains("--last-cycle") && told.contains("the last one of the backup is 2"), "{told}");
+    assert!(!cell.at("other/store").exists() && !file.exists(), "nothing is left");
+    let told = restored(Some(CycleId(1))).expect_err("refused").to_string();
+    assert!(told.contains("--last-cycle 1 is below 2"), "{told}");
+    restored(Some(CycleId(9))).expect("restored");
+    let mut store = Store::create(&cell.at("other/store")).expect("opens");
+    assert!(matches!(store.begin_cycle(&start), Err(StoreError::CountUnknown(_))));
+    let air_run = CycleStart { is_air_run: true, ..start.clone() };
+    assert_eq!(store.begin_cycle(&air_run).expect("begun"), CycleId(10));
+    drop(store);
+
+    // The empty store of a new computer shows nothing either. The cell's own store shows its last cycle.
+    fs::create_dir_all(cell.at("fresh")).expect("a folder");
+    drop(Store::create(&cell.at("fresh/store")).expect("a new store"));
+    let permission = Permission { replace_store: true, ..Permission::default() };
+    let file = cell.at("fresh/cell.toml");
+    let fresh = Plan { permission, last_cycle: None, ..plan(&archive, &file) };
+    assert!(matches!(restore(&fresh), Err(BackupError::LastCycleUnknown { own: 2, .. })));
+    let wanted = RestoredParts { store: true, configuration: false };
+    let file = cell.at("cell.toml");
+    restore(&Plan { permission, wanted, last_cycle: None, ..plan(&archive, &file) }).expect("restored");
+    let mut store = Store::create(&cell.at("store")).expect("opens");
+    assert_eq!(store.begin_cycle(&start).expect("nothing was abraded since the backup"), CycleId(3));
 }

@@ -88,7 +88,7 @@ fn each_mistake_is_named() {
         ),
         (
             "[robot]\nport = 54600",
-            "2: robot.port: unknown key; known here: kind, controller, host, command_port, state_port, programs_sum",
+            "2: robot.port: unknown key; known here: kind, controller, host, command_port, state_port, programs_sum, signed_stage",
         ),
         (
             &format!("[poses]\nprak = {axes}"),
@@ -115,7 +115,7 @@ fn each_mistake_is_named() {
         ),
         (
             "[io]\ntool = 3",
-            "2: io.tool: unknown key; known here: outputs, feedbacks, mapped_inputs, off_after_s, line_outputs",
+            "2: io.tool: unknown key; known here: outputs, feedbacks, mapped_inputs, off_after_s, line_outputs, may_stay_on",
         ),
         (
             "[io]\nfeedbacks = { flow = 4 }\nmapped_inputs = { start = 33, flow = 4 }",
@@ -132,6 +132,18 @@ fn each_mistake_is_named() {
         (
             "[io]\noutputs = { tool = 1, light = 2 }\noff_after_s = { light = 601 }",
             "3: io.off_after_s.light: found 601, valid: a whole number from 0 to 600",
+        ),
+        (
+            "[io]\noutputs = { tool = 1, fan = 2 }\nmay_stay_on = [\"fan\", \"tool\"]",
+            "3: io.may_stay_on: found \"tool\"; tool and water go off at once; remove it",
+        ),
+        (
+            "[io]\noutputs = { tool = 1, light = 2 }\nmay_stay_on = [\"light\"]",
+            "3: io.may_stay_on: found \"light\"; it goes off 60 s after the end of an epoch ([io.off_after_s], or its usual time); remove one",
+        ),
+        (
+            "[io]\noutputs = { tool = 1 }\nmay_stay_on = [\"pump\"]",
+            "3: io.may_stay_on: found \"pump\"; it is no output of [io.outputs]; valid: tool",
         ),
         (
             "[io]\noutputs = { lens_shutter = 1 }\noff_after_s = { lens_shutter = 5 }",

@@ -37,4 +37,8 @@ pub struct Restore {
     /// Also write files that are named in the cell's file and are outside of its folder.
     #[arg(long)]
     pub outside: bool,
+    /// The number of the cell's last cycle. Needed if the store's folder is empty or does not show it, for example on
+    /// a new computer: later cycles are numbered above it.
+    #[arg(long, value_name = "NUMBER", value_parser = clap::value_parser!(i64).range(0..))]
+    pub last_cycle: Option<i64>,
 }

@@ -11,6 +11,10 @@ pub struct Doctor {
     /// Folder with the controller's CELLCMD.xml, CELLSTAT.xml and cell_data.dat, copied from it or to be copied to it.
     #[arg(long, value_name = "FOLDER")]
     pub kuka: Option<PathBuf>,
+    /// Accept the controller's programs: if the files of --kuka agree with the cell's file and the controller reports
+    /// their sum, print the line programs_sum for the cell's file. Nothing is written.
+    #[arg(long, requires = "kuka")]
+    pub accept: bool,
     /// Take 3D shots with a Zivid for ten minutes and observe its temperature: only after this is it certain that
     /// the camera is warm.
     #[arg(long)]

@@ -1,6 +1,7 @@
 //! Arguments of `panelprep robot`.
 
-use super::values::parse_non_empty;
+use super::values::{parse_non_empty, parse_stage};
+use crate::cell::ProofStage;
 use clap::{Args, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
@@ -93,7 +94,7 @@ pub enum RobotFunction {
         index: u16,
     },
     /// None of the nine functions: goes through everything that the installation page requires to be proven on the
-    /// controller, and writes a page to sign. It tests what a client can test and asks the person for the rest; it
+    /// controller in a stage, and writes a page to sign. It tests what a client can test and asks the person for the rest; it
     /// causes no motion.
     Prove(Prove),
 }
@@ -101,6 +102,10 @@ pub enum RobotFunction {
 /// Options of `robot prove`.
 #[derive(Debug, Clone, Args)]
 pub struct Prove {
+    /// The stage to be proven, A, B or C; the stage before it must be signed. By default the first stage that
+    /// `[robot] signed_stage` of the cell's file does not state as signed.
+    #[arg(long, value_name = "STAGE", value_parser = parse_stage)]
+    pub stage: Option<ProofStage>,
     /// The page to write, HTML; it must not exist yet, and is written again after each answer.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,

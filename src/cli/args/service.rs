@@ -14,6 +14,10 @@ pub struct Cycle {
     /// A new disc is mounted: its wear is counted from zero.
     #[arg(long)]
     pub new_disc: bool,
+    /// A sheet of foam is in the cell instead of a panel: for stage C of `robot prove`, before `signed_stage` is "C".
+    /// Only for `cycle`.
+    #[arg(long, conflicts_with = "serial")]
+    pub on_foam: bool,
     /// The part in the cell: kept with the cycle and shown on its page.
     #[command(flatten)]
     pub part: PartArguments,
@@ -21,6 +25,9 @@ pub struct Cycle {
     /// full size.
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
+    /// What is stated about the part's abrasions.
+    #[command(flatten)]
+    pub count: CountArguments,
     /// What a simulated cell shows.
     #[command(flatten)]
     pub simulation: Simulation,
@@ -66,10 +73,9 @@ pub enum CtlAsk {
         /// The part in the cell: kept with the cycle and shown on its page.
         #[command(flatten)]
         part: PartArguments,
-        /// Another part than in the cycles before is in the fixture: abrasions are counted from zero. This
-        /// statement is stored with the cycle.
-        #[arg(long)]
-        another_part: bool,
+        /// What is stated about the part's abrasions.
+        #[command(flatten)]
+        count: CountArguments,
         /// Wait for the cycle's end, report each change, and end with the cycle's exit code. While a cycle is held,
         /// the wait continues.
         #[arg(long)]
@@ -131,6 +137,19 @@ impl PartArguments {
     /// Returns the names as they are given, without any check.
     pub fn names(&self) -> PartNames {
         let PartArguments { serial, order, operator } = self.clone();
+/// What a person states at a start about the abrasions of the part.
+#[derive(Debug, Clone, Copy, Default, Args)]
+pub struct CountArguments {
+    /// Another part than in the cycles before is in the fixture: abrasions are counted from zero. This statement is
+    /// stored with the cycle.
+    #[arg(long)]
+    pub another_part: bool,
+    /// After a restore from a backup: how many passes this part had in the cycles that the restored store lacks. They
+    /// count, and the statement is stored with the cycle.
+    #[arg(long, value_name = "NUMBER", conflicts_with = "another_part")]
+    pub lost_passes: Option<u8>,
+}
+
         PartNames { serial, order, operator }
     }
 }

@@ -1,5 +1,15 @@
 //! Parsers for option values that several commands read in the same way.
 
+use crate::cell::ProofStage;
+
+/// Accepts a stage of the list of proofs.
+///
+/// # Errors
+/// If there is no such stage.
+pub fn parse_stage(text: &str) -> Result<ProofStage, String> {
+    text.parse().map_err(|_| "valid: A, B or C".to_owned())
+}
+
 /// Accepts a text from a person, without the blanks around it.
 ///
 /// # Errors

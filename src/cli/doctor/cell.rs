@@ -11,10 +11,11 @@ use crate::cli::fault::{CalibrationFault, Fault};
 use crate::cli::load::{CellFiles, last_touch};
 use crate::config::Problem;
 use crate::controller::{
-    COMMANDS, CONFIG, ControllerFiles, MOTION, PROGRAMS, STATES, SumError, differences, program_sum,
+    COMMANDS, CONFIG, Comparison, ControllerFiles, PROGRAMS, STATES, SUBMIT, SumError, USER, compare, program_sum,
 };
 use crate::requirements::{Lack, Purpose, Unmet, incomplete};
 use crate::store::{Store, StoreError, calibration_hash};
+use std::net::{IpAddr, ToSocketAddrs};
 use std::path::Path;
 
 /// Keys with files that have their own check, [`calibrations`] and the scanner's check.
@@ -169,6 +170,8 @@ pub(super) struct Programs {
     pub checks: Vec<Check>,
     /// The checksum that a controller with these files reports.
     pub sum: Option<i32>,
+    /// Whether all files are there and agree with each other and with the cell's file.
+    pub agree: bool,
 }
 
 const KUKA: &str = "controller files";
@@ -176,7 +179,7 @@ const KUKA: &str = "controller files";
 /// Checks the files from the controller: they must be valid, match this program's protocol and agree with the
 /// cell's file.
 pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
-    let nothing = |check| Programs { checks: vec![check], sum: None };
+    let nothing = |check| Programs { checks: vec![check], sum: None, agree: false };
     let Some(folder) = folder else {
         return nothing(match cell.robot().kind() {
             RobotKind::Mock => Check::right(KUKA, "not needed: the mock robot has its own"),
@@ -187,29 +190,14 @@ pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
             ),
         });
     };
-    let mut checks = Vec::new();
-    let mut texts: Vec<(&str, String)> = Vec::new();
-    for name in [CONFIG].into_iter().chain(PROGRAMS).chain([COMMANDS, STATES]) {
-        match disk::read_controller_text(&folder.join(name)) {
-            Ok(text) => texts.push((name, text)),
-            Err(error) => {
-                let advice = format!("copy {name} as it is on the controller into this folder");
-                checks.push(Check::wrong(format!("{KUKA}: {name}"), error.to_string(), advice));
-            }
-        }
-    }
+    let (texts, mut checks) = read_files(folder);
     let named: Vec<(&str, &str)> = texts.iter().map(|(name, text)| (*name, text.as_str())).collect();
-    let text = |name: &str| named.iter().find(|(of, _)| *of == name).map(|(_, text)| *text);
-    let files = ControllerFiles {
-        config: text(CONFIG),
-        motion: text(MOTION),
-        commands: text(COMMANDS),
-        states: text(STATES),
-    };
+    let addresses = addresses_of(cell.robot().host());
+    let files = ControllerFiles { host_addresses: &addresses, ..ControllerFiles::among(&named) };
     let reports = check_files(&named, None);
-    let of_differences = differences(&files, cell);
+    let Comparison { differences, not_compared } = compare(&files, cell);
     for ((name, _), report) in named.iter().zip(&reports) {
-        let of_file = of_differences.iter().filter(|difference| difference.file == *name);
+        let of_file = differences.iter().filter(|difference| difference.file == *name);
         let mut problems: Vec<&Problem> = report.problems.iter().collect();
         problems.extend(
             of_file.map(|difference| &difference.problem).filter(|problem| !report.problems.contains(problem)),
@@ -223,10 +211,14 @@ pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
             )
         }));
     }
+    checks.extend(not_compared.into_iter().map(|why| {
+        Check::wrong(format!("{KUKA}: not compared"), why, "write the controller's address as host of [robot]")
+    }));
+    let is_wrong = checks.iter().any(|check| !check.is_right());
     let sum = match program_sum(&named) {
         Ok(sum) => Some(sum),
-        // Each missing file has its own line above.
-        Err(SumError::Missing(_)) => None,
+        // Each missing file, each missing value and an edited cell_user.src has its own line above.
+        Err(SumError::Missing(_) | SumError::Value { .. } | SumError::UserEdited { .. }) if is_wrong => None,
         Err(error) => {
             let advice =
                 "copy the KRL programs of this program's config/kuka to the controller, all of one release";
@@ -234,11 +226,78 @@ pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
             None
         }
     };
+    let agree = sum.is_some() && !is_wrong;
     checks.extend(sum.map(|sum| kept_sum(sum, cell.robot().programs_sum())));
     if checks.iter().all(|check| check.is_right()) {
         checks.insert(0, Check::right(KUKA, "agree with the cell's file and with the protocol of this program"));
     }
-    Programs { checks, sum }
+    Programs { checks, sum, agree }
+}
+
+/// Reads the controller's files; a missing one is a check that failed. KUKA's own program of the submit interpreter is
+/// read if it is there.
+fn read_files(folder: &Path) -> (Vec<(&'static str, String)>, Vec<Check>) {
+    let (mut texts, mut checks) = (Vec::new(), Vec::new());
+    for name in [CONFIG].into_iter().chain(PROGRAMS).chain([USER, COMMANDS, STATES]) {
+        match disk::read_controller_text(&folder.join(name)) {
+            Ok(text) => texts.push((name, text)),
+            Err(error) => {
+                let advice = format!("copy {name} as it is on the controller into this folder");
+                checks.push(Check::wrong(format!("{KUKA}: {name}"), error.to_string(), advice));
+            }
+        }
+    }
+    let submit = format!("{KUKA}: {SUBMIT}");
+    if !folder.join(SUBMIT).exists() {
+        let found =
+            "not in the folder, so not compared: whether it calls CELL_INIT( ) and CELL_CYCLE( ) is not known";
+        checks.push(Check::right(submit, found));
+        return (texts, checks);
+    }
+    match disk::read_controller_text(&folder.join(SUBMIT)) {
+        Ok(text) => texts.push((SUBMIT, text)),
+        Err(error) => checks.push(Check::wrong(submit, error.to_string(), "copy it again, or remove it")),
+    }
+    (texts, checks)
+}
+
+/// Returns the addresses of a host that is given by its name; none if the name is not known here.
+fn addresses_of(host: &str) -> Vec<[u8; 4]> {
+    let resolved = (host, 0_u16).to_socket_addrs().map(Iterator::collect::<Vec<_>>).unwrap_or_default();
+    let four = resolved.into_iter().filter_map(|address| match address.ip() {
+        IpAddr::V4(address) => Some(address.octets()),
+        IpAddr::V6(_) => None,
+    });
+    four.collect()
+}
+
+/// The acceptance of the controller's programs: the files must agree with the cell's file, and a real controller must
+/// report their sum. Then the line for the cell's file is printed; nothing is written.
+pub(super) fn acceptance(programs: &Programs, reported: Option<i32>, cell_file: &Path) -> Check {
+    let name = "acceptance";
+    let advice = "correct what is named above, then run this again with --accept";
+    match (programs.sum.filter(|_| programs.agree), reported) {
+        (None, _) => {
+            Check::wrong(name, "refused: the controller's files do not all agree with the cell's file", advice)
+        }
+        (Some(sum), None) => Check::wrong(
+            name,
+            format!("refused: the files have the sum {sum}, and no real controller reports its own"),
+            "connect the controller; end the service while this runs, since a controller serves one client",
+        ),
+        (Some(sum), Some(reported)) if sum != reported => Check::wrong(
+            name,
+            format!("refused: the files have the sum {sum}, and the controller reports {reported}"),
+            "cold-start the controller with these files, or copy its files anew",
+        ),
+        (Some(sum), Some(_)) => Check::right(
+            name,
+            format!(
+                "the files agree, and the controller reports their sum; add to [robot] of {}: programs_sum = {sum}",
+                cell_file.display()
+            ),
+        ),
+    }
 }
 
 /// Compares the checksum of the files with the one with which the cell was accepted.
@@ -257,7 +316,61 @@ fn kept_sum(sum: i32, kept: Option<i32>) -> Check {
         None => Check::wrong(
             name,
             format!("sum {sum}, but the cell's file states none: other programs would not be noticed"),
-            format!("once the cell is accepted with these files, set programs_sum = {sum} in [robot]"),
+            "accept these files: run this again with --accept and add the line that it prints",
         ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::controller::planted::{MISTAKES, missed, texts};
+
+    /// Checks these files as a person copied them from the controller, with the cell's file.
+    fn checked(texts: &[(&'static str, String)]) -> Programs {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut cell = None;
+        for (name, text) in texts {
+            match *name {
+                "cell" => {
+                    cell = Some(Cell::check("cell.toml", text).unwrap_or_else(|problems| panic!("{problems}")))
+                }
+                name => std::fs::write(folder.path().join(name), text).expect("written"),
+            }
+        }
+        kuka(Some(folder.path()), &cell.expect("a cell"))
+    }
+
+    fn wrong(texts: &[(&'static str, String)]) -> Vec<String> {
+        let checks = checked(texts).checks.into_iter().filter(|check| !check.is_right());
+        checks.map(|check| check.found).collect()
+    }
+
+    #[test]
+    fn the_doctor_names_each_planted_mistake() {
+        let [none] = &wrong(&texts())[..] else { panic!("only the sum is not kept") };
+        assert!(none.contains("the cell's file states none"), "{none}");
+        let missed = missed(wrong);
+        assert!(missed.is_empty(), "{} of {}:\n{}", missed.len(), MISTAKES.len(), missed.join("\n"));
+    }
+
+    /// The sum is accepted only if the files agree and a real controller reports the same sum.
+    #[test]
+    fn programs_are_accepted_only_with_the_controllers_own_word() {
+        let programs = checked(&texts());
+        let sum = programs.sum.expect("a sum");
+        let file = Path::new("cell.toml");
+        let accepted = acceptance(&programs, Some(sum), file);
+        assert!(accepted.is_right() && accepted.found.ends_with(&format!("cell.toml: programs_sum = {sum}")));
+        for reported in [None, Some(sum + 1)] {
+            assert!(!acceptance(&programs, reported, file).is_right(), "{reported:?}");
+        }
+        let disagree = Programs { agree: false, ..programs };
+        assert!(!acceptance(&disagree, Some(sum), file).is_right());
+        // Without sps.sub, the doctor reports that it was not compared.
+        let mut without = texts();
+        without.retain(|(name, _)| *name != SUBMIT);
+        let said = checked(&without).checks;
+        assert!(said.iter().any(|check| check.name.ends_with(SUBMIT) && check.found.contains("not compared")));
     }
 }

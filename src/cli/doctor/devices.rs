@@ -92,31 +92,38 @@ fn recorded(
 
 /// Checks whether the service runs and whether the robot answers. If the service holds the robot's ports, the
 /// service is queried.
-pub(super) fn robot_and_service(files: &CellFiles, sum: Option<i32>) -> Vec<Check> {
+///
+/// Also returns the sum of the programs that a real controller reports.
+pub(super) fn robot_and_service(files: &CellFiles, sum: Option<i32>) -> (Vec<Check>, Option<i32>) {
     match service_request::state_of(&files.socket()) {
         Some(state) => {
             let robot = format!("in use by the service, which is {state}");
-            vec![Check::right("service", format!("runs: {state}")), Check::right("robot", robot)]
+            (vec![Check::right("service", format!("runs: {state}")), Check::right("robot", robot)], None)
         }
-        None => vec![robot(&files.cell, sum), Check::right("service", "does not run")],
+        None => {
+            let (robot, reported) = robot(&files.cell, sum);
+            (vec![robot, Check::right("service", "does not run")], reported)
+        }
     }
 }
 
-fn robot(cell: &Cell, sum: Option<i32>) -> Check {
+fn robot(cell: &Cell, sum: Option<i32>) -> (Check, Option<i32>) {
     if cell.robot().kind() == RobotKind::Mock {
-        return Check::right("robot", "a mock controller inside the program");
+        return (Check::right("robot", "a mock controller inside the program"), None);
     }
     let (host, ports) = (cell.robot().host(), (cell.robot().command_port(), cell.robot().state_port()));
     let place = format!("{host}, ports {} and {}", ports.0, ports.1);
     let (mut link, _) = match live::robot_alone(cell) {
         Ok(alone) => alone,
-        Err(fault) => return Check::wrong("robot", fault.to_string(), "correct [robot] in the cell's file"),
+        Err(fault) => {
+            return (Check::wrong("robot", fault.to_string(), "correct [robot] in the cell's file"), None);
+        }
     };
     match Single::connect(&mut link, cell.arm()) {
         Ok(single) => {
             let state = single.state();
             if state.is_of_mock() {
-                return Check::wrong(
+                let check = Check::wrong(
                     "robot",
                     format!(
                         "{place}: a MOCK controller answers, which proves nothing about a real one; mode {}",
@@ -124,8 +131,9 @@ fn robot(cell: &Cell, sum: Option<i32>) -> Check {
                     ),
                     "this is expected in a rehearsal; for the cell, connect the real controller and run this again",
                 );
+                return (check, None);
             }
-            match sum.filter(|sum| *sum != state.programs_checksum) {
+            let check = match sum.filter(|sum| *sum != state.programs_checksum) {
                 Some(sum) => Check::wrong(
                     "robot",
                     format!(
@@ -138,11 +146,12 @@ fn robot(cell: &Cell, sum: Option<i32>) -> Check {
                     "robot",
                     format!("{place}: speaks, mode {}, programs {}", state.mode.name(), state.programs_checksum),
                 ),
-            }
+            };
+            (check, Some(state.programs_checksum))
         }
         Err(error) => {
             let advice = advice(&error);
-            Check::wrong("robot", format!("{place}: {error}"), advice)
+            (Check::wrong("robot", format!("{place}: {error}"), advice), None)
         }
     }
 }

@@ -61,9 +61,13 @@ fn of_cell(args: &Doctor, common: &Common, files: &CellFiles) -> Vec<Check> {
     checks.extend(store.iter().flat_map(cell::taught));
     checks.extend(cell::calibrations(files, store.as_ref()));
     let programs = cell::kuka(args.kuka.as_deref(), &files.cell);
-    checks.extend(programs.checks);
+    checks.extend(programs.checks.iter().cloned());
     checks.extend(devices::cameras(files, args.warm_up));
-    checks.extend(devices::robot_and_service(files, programs.sum));
+    let (of_robot, reported) = devices::robot_and_service(files, programs.sum);
+    checks.extend(of_robot);
+    if args.accept {
+        checks.push(cell::acceptance(&programs, reported, &common.cell));
+    }
     checks.extend(plant::check(&files.cell));
     checks.extend(tool::check(&files.cell, service_request::state_of(&files.socket()).is_some()));
     checks

@@ -1,5 +1,6 @@
 //! The faults of a device that stop a command: of a controller, a camera or a tool, real or simulated.
 
+use crate::cell::{ProofStage, Unsigned};
 use std::path::PathBuf;
 
 /// Why a device cannot be used.
@@ -71,6 +72,23 @@ pub enum DeviceFault {
         /// The nearest size that is delivered, px.
         nearest_px: [usize; 2],
     },
+    /// What must be proven before this is not signed.
+    #[error(transparent)]
+    Unsigned(#[from] Unsigned),
+    /// A stage is to be proven before the one on which it depends is signed.
+    #[error(
+        "stage {} is proven after stage {before} is signed: sign the page of stage {before}, then set signed_stage = \"{before}\" in \
+         [robot] of the cell's file", stage.letter(), before = before.letter()
+    )]
+    ProvenTooEarly {
+        /// The stage to be proven.
+        stage: ProofStage,
+        /// The stage before it.
+        before: ProofStage,
+    },
+    /// Foam for a path that touches nothing.
+    #[error("--on-foam is for `panelprep cycle`: an air-run touches nothing, so leave it out")]
+    FoamInTheAir,
     /// A simulated controller proves nothing about a real one.
     #[error(
         "[robot] kind is \"mock\": there is no controller to prove anything on; set kind = \"eki\" and host in the cell's file (to try \

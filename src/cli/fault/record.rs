@@ -53,6 +53,9 @@ pub enum RecordFault {
         /// The cycles, with the number of passes in each.
         history: String,
     },
+    /// A part whose abrasions cannot be counted, because the store was restored from a backup.
+    #[error("{0}")]
+    CountUnknown(crate::store::LostCount),
     /// A cycle with an unsigned record.
     #[error(
         "cycle {cycle} is not signed: it is not finished, or its signing failed; `panelprep store verify` reports \

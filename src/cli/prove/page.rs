@@ -3,13 +3,47 @@
 use super::super::calibrate::now_unix_s;
 use super::proof::{Finding, Proof};
 use super::unattended::ControllerKind;
-use crate::cell::Robot;
+use crate::cell::{ProofStage, Robot};
 use crate::number_text::utc;
-use maud::{DOCTYPE, PreEscaped, html};
+use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 const STYLE: &str = "body{font:14px/1.4 sans-serif;max-width:1100px;margin:2em auto}table{border-collapse:collapse;width:100%}\
 td,th{border:1px solid #999;padding:4px 6px;text-align:left;vertical-align:top}\
 .wrong{border-left:.6em solid #d55e00}.open{border-left:.6em solid #e69f00}.proven{border-left:.6em solid #009e73}.sign{margin-top:3em}";
+
+/// Renders a stage, which is signed by itself: only if each of its rows is proven, on a real controller.
+fn part(stage: ProofStage, proofs: &[&Proof], by: &str, controller: ControllerKind) -> Markup {
+    let open = proofs.iter().filter(|proof| proof.finding != Finding::Proven).count();
+    html! {
+        h2 { "Stage " (stage.letter()) ": " (stage.conditions()) }
+        table {
+            tr {
+                @for head in ["#", "Assumption", "Do", "See", "Otherwise", "Found", "Evidence", "Seen by"] { th { (head) } }
+            }
+            @for Proof { assumption, finding, evidence, tried } in proofs {
+                tr class=(finding.word()) {
+                    td { (assumption.number) }
+                    td { (assumption.assumed) }
+                    td { (assumption.to_do) }
+                    td { (assumption.to_see) }
+                    td { (assumption.otherwise) }
+                    td { (finding.word()) }
+                    td { (evidence) }
+                    td { @if *tried { "this program" } @else { (by) } }
+                }
+            }
+        }
+        @if controller == ControllerKind::Real && open > 0 {
+            p.sign { "Stage " (stage.letter()) " cannot be signed: " (open) " rows are wrong or open." }
+        } @else if controller == ControllerKind::Real {
+            p.sign {
+                "Stage " (stage.letter()) " permits " (stage.permits()) ". Date, name, signature: \
+                 ____________________________________________________"
+            }
+            p { "Then set signed_stage = \"" (stage.letter()) "\" in [robot] of the cell's file." }
+        }
+    }
+}
 
 /// Renders all proofs, with the person, the date and the controller.
 ///
@@ -41,21 +75,9 @@ pub(super) fn render(proofs: &[Proof], by: &str, (robot, controller): (&Robot, C
                     " open. While one is wrong or open, the robot stays in T1, the sanding tool without power and the panel out \
                      of reach."
                 }
-                table {
-                    tr { @for head in ["#", "Assumption", "Do, and expect", "Found", "Evidence", "Seen by"] { th { (head) } } }
-                    @for Proof { assumption, finding, evidence, tried } in proofs {
-                        tr class=(finding.word()) {
-                            td { (assumption.number) }
-                            td { (assumption.assumed) }
-                            td { (assumption.to_do) }
-                            td { (finding.word()) }
-                            td { (evidence) }
-                            td { @if *tried { "this program" } @else { (by) } }
-                        }
-                    }
-                }
-                @if controller == ControllerKind::Real {
-                    p.sign { "Date, name, signature: ____________________________________________________" }
+                @for stage in ProofStage::ALL {
+                    @let of_stage: Vec<&Proof> = proofs.iter().filter(|proof| proof.assumption.stage == stage).collect();
+                    @if !of_stage.is_empty() { (part(stage, &of_stage, by, controller)) }
                 }
             }
         }

@@ -1,12 +1,20 @@
 //! A row of the installation page, and its result.
 
+use crate::cell::ProofStage;
+
 /// A row of the table on the installation page.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Assumption {
+    /// The stage in which it is proven.
+    pub(super) stage: ProofStage,
     /// The row's number on the installation page.
     pub(super) number: u32,
     pub(super) assumed: String,
     pub(super) to_do: String,
+    /// What is seen if the assumption holds.
+    pub(super) to_see: String,
+    /// What breaks if it does not hold.
+    pub(super) otherwise: String,
 }
 
 /// The result.

@@ -37,7 +37,7 @@ pub(super) async fn pass(State(shared): State<Shared>, request: Request<Body>, n
         (false, None) => Redirect::to("/login").into_response(),
         // A session ends when its account is removed or gets a new password.
         (false, Some(session)) => match shared.reader().account(&session.name).await {
-            Ok(Some(account)) if stamp(&account) == session.stamp => next.run(request).await,
+            Ok(account) if is_current(account.as_ref(), &session.stamp) => next.run(request).await,
             Ok(_) => {
                 shared.sessions().end_all_of(&session.name);
                 Redirect::to("/login").into_response()
@@ -51,6 +51,11 @@ pub(super) async fn pass(State(shared): State<Shared>, request: Request<Body>, n
     headers.insert(header::REFERRER_POLICY, HeaderValue::from_static("same-origin"));
     headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
     response
+}
+
+/// Returns whether a session that began with this stamp continues: its account is there and is the same.
+fn is_current(account: Option<&OfficeAccount>, began_with: &str) -> bool {
+    account.is_some_and(|account| stamp(account) == began_with)
 }
 
 /// Identifies an account during one of its sessions: a new password changes the stamp.
@@ -114,7 +119,7 @@ pub(super) async fn log_in(
             return form(StatusCode::TOO_MANY_REQUESTS, Some(&words));
         }
         _ => {
-            tracing::warn!("{}: wrong name or password at the office's page", name.escape_debug());
+            shared.log_failed_login(&name);
             return wrong();
         }
     };
@@ -145,4 +150,24 @@ fn set_cookie(shared: &Shared, token: &str, more: &str) -> String {
 fn is_foreign(headers: &HeaderMap) -> bool {
     let site = headers.get("sec-fetch-site").and_then(|value| value.to_str().ok());
     site.is_some_and(|site| site != "same-origin" && site != "none")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A new password ends every session of the account, and so does its removal. A new printed name ends none.
+    #[test]
+    fn a_session_ends_when_its_account_changes() {
+        let account = |password_hash: &str, printed_name: &str| OfficeAccount {
+            name: "anna".to_owned(),
+            printed_name: printed_name.to_owned(),
+            password_hash: password_hash.to_owned(),
+        };
+        let began_with = stamp(&account("$argon2id$1", "Anna"));
+        assert!(is_current(Some(&account("$argon2id$1", "Anna")), &began_with));
+        assert!(is_current(Some(&account("$argon2id$1", "Anna Berg")), &began_with));
+        assert!(!is_current(Some(&account("$argon2id$2", "Anna")), &began_with), "another password");
+        assert!(!is_current(None, &began_with), "removed");
+    }
 }

@@ -3,6 +3,7 @@
 use crate::accounts::{self, Lockout};
 use crate::archive::ArchiveError;
 use crate::archive::reading::Reader;
+use crate::daemon::failed_logins::{FailedLogins, words};
 use crate::daemon::hashing::Hashing;
 use crate::daemon::web::Sessions;
 use axum::http::StatusCode;
@@ -26,6 +27,7 @@ struct SharedParts {
     sessions: Mutex<Sessions>,
     lockout: Mutex<Lockout>,
     hashing: Hashing,
+    failed_logins: FailedLogins,
 }
 
 impl Shared {
@@ -37,6 +39,7 @@ impl Shared {
             sessions: Mutex::new(Sessions::new(IDLE_S, SESSIONS)),
             lockout: Mutex::default(),
             hashing: Hashing::default(),
+            failed_logins: FailedLogins::default(),
         }))
     }
 
@@ -58,6 +61,24 @@ impl Shared {
 
     fn lockout(&self) -> MutexGuard<'_, Lockout> {
         self.0.lockout.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Logs a wrong log-in, or only counts it if there are many. The number of those without a line is logged when the
+    /// minute is over.
+    pub fn log_failed_login(&self, name: &str) {
+        let counted = self.0.failed_logins.count();
+        let left_out = |count: Option<u64>| count.into_iter().for_each(|count| tracing::warn!("{}", words(count)));
+        left_out(counted.left_out);
+        if counted.is_written {
+            tracing::warn!("{}: wrong name or password at the office's page", name.escape_debug());
+        }
+        if let Some(after) = counted.report_after {
+            let shared = self.clone();
+            tokio::spawn(async move {
+                tokio::time::sleep(after).await;
+                left_out(shared.0.failed_logins.over());
+            });
+        }
     }
 
     /// Checks a password against an account's hash when it is its turn, and counts a wrong password. For an unknown or

@@ -164,6 +164,7 @@ impl LineParts {
             record: None,
             part,
             another_part: false,
+            lost_passes: None,
             own_text: OwnText::Allowed,
         }))
     }

@@ -201,6 +201,7 @@ impl Calls {
             record: None,
             part: Some(part),
             another_part: false,
+            lost_passes: None,
             own_text: OwnText::Refused,
         })
     }

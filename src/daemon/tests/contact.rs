@@ -97,7 +97,7 @@ fn a_feedback_that_never_comes_is_named() {
 }
 
 fn earlier(times: u8, is_sure: bool) -> Vec<EarlierPass> {
-    (1..=times).map(|pass| EarlierPass { cycle: CycleId(7), pass, grid: None, is_sure }).collect()
+    (1..=times).map(|pass| EarlierPass { cycle: CycleId(7), pass, grid: None, is_sure, is_stated: false }).collect()
 }
 
 /// Two abrasions are allowed. A grid that an earlier cycle may have abraded counts as abraded.

@@ -2,7 +2,7 @@
 
 use super::fake::{Cell as Fake, FakeCameras};
 use super::*;
-use crate::cycle::{self, Action, Answer, Event, Hold, Id, Refusal, Report, State, Trouble, Why};
+use crate::cycle::{self, Action, Answer, Effect, Event, Hold, Id, Refusal, Report, State, Trouble, Why};
 use crate::daemon::abrasion::Abrasion;
 use crate::daemon::computing::{Found, Work, Worked};
 use crate::daemon::perception::Perception;
@@ -350,6 +350,41 @@ fn an_order_out_of_turn_begins_nothing() {
     cell.serve(|cameras| cameras, vec![], &mut script);
     assert_eq!((script.cycles.len(), script.refusals.len()), (0, 1));
     assert_eq!(script.refusals[0].1, Refusal::NotNow);
+}
+
+/// A controller that reports another sum than the accepted one: neither Reset nor Start begins anything. With the
+/// accepted sum, the reset succeeds.
+#[test]
+fn other_programs_than_the_accepted_ones_refuse_reset_and_start() {
+    let other = cycle::Robot::OtherPrograms;
+    let mut cell = Fake::new(Scene::Clean);
+    cell.more_cell = "[robot]\nprograms_sum = 2\n";
+    let heard = |state: &State| state.facts.robot == cycle::Robot::OtherPrograms;
+    let prepared = cell.prepared();
+    let start = prepared.request;
+    let mut script = Script::default()
+        .when(heard, RequestKind::Table(cycle::Request::Reset))
+        .when(heard, RequestKind::Begin(Box::new(prepared)))
+        .leave_when(heard);
+    cell.serve(|cameras| cameras, vec![], &mut script);
+    assert_eq!(script.cycles, []);
+    assert_eq!(
+        script.refusals,
+        [(cycle::Request::Reset, Refusal::Robot(other)), (start, Refusal::NotNow)],
+        "without a reset there is no start"
+    );
+    // The sum changes while the cell is idle: the request that was under way is refused.
+    let mut idle = State { at: At::Idle, ..State::NEW };
+    idle.facts.robot = other;
+    let (after, effects) = cycle::step(idle, Event::Asked(start));
+    let refused = Effect::Refuse { request: start, refusal: Refusal::Robot(other) };
+    assert!(after.at == At::Idle && effects.contains(&refused), "{effects:?}");
+
+    let mut cell = Fake::new(Scene::Clean);
+    cell.more_cell = "[robot]\nprograms_sum = 1\n";
+    let mut script = Script::default().reset().leave_when(|state| state.at == At::Idle);
+    cell.serve(|cameras| cameras, vec![], &mut script);
+    assert_eq!(script.refusals, []);
 }
 
 /// Each thing that is wrong gives a reason, and the reset ends in Stopped.

@@ -161,6 +161,7 @@ pub(super) async fn start(
         record: None,
         part: Some(part),
         another_part,
+        lost_passes: None,
         own_text: OwnText::Refused,
     };
     requested(&web, &visitor, RequestKind::Start(start)).await

@@ -1,10 +1,7 @@
 //! The reasons why an arm cannot follow a path, in words: which axis or part, how far, and the limit.
 
+use crate::controller::RETRACT_MM;
 use crate::number_text::{apart, plain};
-
-/// At a stop in contact the controller's program lifts the tool off by this distance, mm: CELL_RETRACT_MM of
-/// config/kuka/cell_config.dat.
-pub const RETRACT_MM: f64 = 50.0;
 
 /// Which singular place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -5,14 +5,12 @@
 //! Applies to a path that was followed; only the retract is checked, not the way back.
 
 use super::follow::follow;
-use super::infeasible::{Infeasibility, RETRACT_MM, ReachFault};
+use super::infeasible::{Infeasibility, ReachFault};
 use super::leg::Leg;
+use crate::controller::{RETRACT_MM, RETRACT_MM_S};
 use crate::geometry::{Base, Flange, Joints, Rigid, Tool, Vector};
 use crate::path::Kinematics;
 use nalgebra::Vector3;
-
-/// The speed of the retract, mm/s: CELL_RETRACT_VEL of config/kuka/cell_config.dat.
-pub const RETRACT_MM_S: f64 = 200.0;
 
 /// Returns the straight line away from the panel.
 pub fn retract(base_from_tool: Rigid<Base, Tool>) -> Leg {

@@ -18,7 +18,7 @@ fn report_progress(store: &mut Store, cycle: CycleId, done: u32) {
 }
 
 fn earlier(cycle: CycleId, grid: &str, is_sure: bool) -> EarlierPass {
-    EarlierPass { cycle, pass: 1, grid: Some(grid.to_owned()), is_sure }
+    EarlierPass { cycle, pass: 1, grid: Some(grid.to_owned()), is_sure, is_stated: false }
 }
 
 /// The progress of another act, or of an earlier motion, does not count for this one.
@@ -93,14 +93,14 @@ fn air_run(store: &mut Store, id: CycleId) {
 }
 
 /// Adds a cycle that ends by its film.
-fn film(store: &mut Store, id: CycleId, verdict: Verdict) {
+pub fn film(store: &mut Store, id: CycleId, verdict: Verdict) {
     let found = Finding::new(Kind::Inspect, 0, Judgement { verdict, reasons: vec![] });
     store.note(id, &found).expect("kept");
     store.conclude(id, verdict, &[]).expect("concluded");
 }
 
 /// Adds a cycle of this part that was interrupted in contact.
-fn cut_short(store: &mut Store, (serial, epoch): (&str, u32), another: bool) -> CycleId {
+pub fn cut_short(store: &mut Store, (serial, epoch): (&str, u32), another: bool) -> CycleId {
     let id = store.begin_cycle(&start_of(serial, another)).expect("begun");
     let motion = Motion { epoch, ..MOTION };
     store.open_contact(&motion, Some(id), (&path(), 16)).expect("opened");
@@ -109,7 +109,7 @@ fn cut_short(store: &mut Store, (serial, epoch): (&str, u32), another: bool) -> 
     id
 }
 
-fn start_of(serial: &str, another: bool) -> CycleStart {
+pub fn start_of(serial: &str, another: bool) -> CycleStart {
     let mut start = super::cycles::start();
     if !serial.is_empty() {
         start.file_texts.push(("part".to_owned(), format!("serial = \"{serial}\"\n")));
@@ -155,6 +155,34 @@ fn a_count_is_of_one_part_and_falls_by_nothing_else() {
     };
     assert_eq!(after(""), [one, nobody].into(), "the result of SN 18 says nothing of them");
     assert_eq!(after("SN 18"), [nobody].into());
+}
+
+/// A part without a serial number that failed may be the one in the next start: its passes count until a start states
+/// another part, or until it passes. A serial number that is left out hides no fail either.
+#[test]
+fn a_fail_ends_no_count_without_a_serial_number() {
+    let (_folder, mut store) = new_store();
+    let failed = |store: &mut Store, (serial, epoch), another| {
+        let id = cut_short(store, (serial, epoch), another);
+        let next = store.begin_cycle(&start_of(serial, false)).expect("begun");
+        film(store, next, Verdict::Fail);
+        id
+    };
+    let counted = |store: &mut Store, (serial, another)| -> Vec<CycleId> {
+        let id = store.begin_cycle(&start_of(serial, another)).expect("begun");
+        store.abraded_before(id).expect("read").iter().map(|pass| pass.cycle).collect()
+    };
+    let nobody = failed(&mut store, ("", 3), false);
+    assert_eq!(counted(&mut store, ("", false)), [nobody]);
+    assert_eq!(counted(&mut store, ("SN 1", false)), [nobody], "it may be that part");
+    assert_eq!(counted(&mut store, ("", true)), []);
+    assert_eq!(counted(&mut store, ("", false)), [], "it was stated before");
+    let one = failed(&mut store, ("SN 1", 4), true);
+    assert_eq!(counted(&mut store, ("SN 1", false)), [], "its passes over all cycles have their own limit");
+    assert_eq!(counted(&mut store, ("", false)), [one], "the serial number was left out");
+    let last = store.begin_cycle(&start_of("", false)).expect("begun");
+    film(&mut store, last, Verdict::Pass);
+    assert_eq!(counted(&mut store, ("", false)), [], "it passed and is taken out");
 }
 
 /// The program ended between the event that began contact and the row of its motion: no waypoint was permitted.

@@ -18,6 +18,7 @@ pub fn start() -> CycleStart {
             ("scanner".to_owned(), "fx_px = 1\n".to_owned()),
         ],
         recording: None,
+        is_air_run: false,
     }
 }
 

@@ -13,6 +13,7 @@ mod opening;
 mod outbox;
 mod prune;
 mod requests;
+mod restores;
 mod search;
 mod signatures;
 mod verifications;

@@ -12,6 +12,7 @@ fn concluded(store: &mut Store) -> CycleId {
         recipe_text: "panel = \"wing\"\n".to_owned(),
         file_texts: vec![("cell".to_owned(), "x = 1\n".to_owned())],
         recording: None,
+        is_air_run: false,
     };
     let id = store.begin_cycle(&start).expect("begun");
     let film = Finding::new(crate::record::Kind::Inspect, 1, Judgement { verdict: Verdict::Pass, reasons: vec![] });
@@ -84,45 +85,6 @@ fn a_row_that_somebody_deletes_is_found_and_a_new_epoch_begins() {
     verified(&mut store);
     let numbers: Vec<u64> = store.outbox_epochs().expect("epochs").iter().map(|last| last.number).collect();
     assert_eq!(numbers, [1, 1], "no number is used twice under one epoch");
-}
-
-#[test]
-fn a_restored_store_begins_a_new_epoch_once() {
-    let (folder, mut store) = new_store();
-    let path = folder.path().join("store");
-    concluded(&mut store);
-    drop(store);
-    Store::mark_restored(&path, None).expect("marked");
-    drop(Store::create(&path).expect("opened"));
-    let store = Store::create(&path).expect("opened again");
-    assert_eq!(store.outbox_epochs().expect("epochs").iter().map(|last| last.number).collect::<Vec<_>>(), [1, 0]);
-}
-
-/// There is a backup of cycle 1; the store that it replaces had reached cycle 12. At every start the cell rests in
-/// Aborted until a person has checked it. No number is used twice, by this restore or by another one.
-#[test]
-fn a_restored_store_asks_a_person_and_goes_on_above_the_last_number() {
-    use crate::cycle::{At, Cause};
-    use crate::record::CycleId;
-    let (folder, mut store) = new_store();
-    let path = folder.path().join("store");
-    concluded(&mut store);
-    drop(store);
-    Store::mark_restored(&path, Some(CycleId(12))).expect("marked");
-    for _ in 0..2 {
-        let mut store = Store::create(&path).expect("opened");
-        assert_eq!(store.recover().expect("recovers").at, At::Aborted { cause: Cause::StoreRestored });
-        assert_eq!(store.changed(), Vec::<String>::new());
-    }
-    let mut store = Store::create(&path).expect("opened");
-    for wanted in [13, 14] {
-        assert_eq!(store.begin_cycle(&super::cycles::start()).expect("begun"), CycleId(wanted));
-        store.conclude(CycleId(wanted), Verdict::Aborted, &[]).expect("concluded");
-    }
-    drop(store);
-    Store::mark_restored(&path, Some(CycleId(3))).expect("marked again");
-    let mut store = Store::create(&path).expect("opened");
-    assert_eq!(store.begin_cycle(&super::cycles::start()).expect("begun"), CycleId(15));
 }
 
 /// A store of the previous version of this program, with its chain.

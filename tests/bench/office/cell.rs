@@ -57,6 +57,7 @@ fn cycle(store: &mut Store, picture_bytes: usize) -> CycleId {
         recipe_text: "panel = \"wing\"\n".to_owned(),
         file_texts: vec![("cell".to_owned(), "x = 1\n".to_owned())],
         recording: None,
+        is_air_run: false,
     };
     let id = store.begin_cycle(&start).expect("begun");
     let mut picture = format!("picture of cycle {id}").into_bytes();

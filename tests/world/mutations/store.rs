@@ -10,10 +10,10 @@ const FULLNESS: &str = "src/store/fullness.rs";
 const HEAD: &str = "src/store/head.rs";
 const JOURNAL: &str = "src/store/journal.rs";
 const MOTIONS: &str = "src/store/motions.rs";
-const OUTBOX: &str = "src/store/outbox.rs";
+const RESTORES: &str = "src/store/restores.rs";
 const SCHEMA: &str = "src/store/schema.rs";
 
-pub(super) const ALL: [Mutation; 18] = [
+pub(super) const ALL: [Mutation; 19] = [
     change(
         "the log of the database is not flushed at a commit",
         SCHEMA,
@@ -108,9 +108,15 @@ pub(super) const ALL: [Mutation; 18] = [
     ),
     change(
         "a restored store asks no person",
-        OUTBOX,
+        RESTORES,
         "self.append(&Event::Reported(Report::StoreRestored), None)?;",
         "",
     ),
-    change("after a restore numbers of cycles are used again", OUTBOX, "own.max(replaced)", "own.min(replaced)"),
+    change("after a restore numbers of cycles are used again", RESTORES, "own.max(replaced)", "own.min(replaced)"),
+    change(
+        "after a restore a part counts from the backup",
+        RESTORES,
+        "self.lost_count(&start.panel, &serial)?.map_or(Ok(()), |lost| Err(StoreError::CountUnknown(lost)))",
+        "Ok(())",
+    ),
 ];

@@ -11,6 +11,7 @@ use super::super::super::live;
 use super::super::super::load::CellFiles;
 use super::super::super::outcome::Outcome;
 use super::super::super::output::tell_line as tell;
+use super::super::super::signed;
 use super::super::args::HandEye;
 use super::super::boards;
 use super::interim::next_pose;
@@ -73,6 +74,8 @@ pub fn run(
         _ => View::open(cell, (kind, board), (&args.live, Some(camera)), progress)?,
     };
     let single = Single::connect(&mut robot, cell.cell.arm()).map_err(Fault::stage)?;
+    let state = single.state();
+    signed::permits_motion(state.mode, state.is_of_mock(), &cell.cell).map_err(Fault::stage)?;
     let mut single = single.carrying(cell.mounted_on_the_flange()?);
     tell(&format!(
         "The arm will move by itself, at {AXIS_PERCENT} % of its axes' speed, to up to {} poses around its present \

@@ -310,6 +310,7 @@ impl Cell {
             recipe_text: String::new(),
             file_texts: Vec::new(),
             recording: None,
+            is_air_run: false,
         };
         let request = cycle::Request::Start { max_passes: 2, max_moves: 3, dries: false };
         let recording =

@@ -1,0 +1,180 @@
+//! The outline of a file: what it declares, which routines and cases it has, and what its main routine calls, so that
+//! another program can compare it with other files without executing anything.
+
+use super::syntax::{Action, Declared, Expression, File, Item, Statement};
+use std::fmt;
+
+/// A variable that a data list declares.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct DeclaredVariable {
+    /// Its name, in upper case.
+    pub name: String,
+    /// Line, from 1.
+    pub line: usize,
+    /// The type, in upper case.
+    pub type_name: String,
+    /// Whether other files see it, if their list is PUBLIC.
+    pub global: bool,
+    /// CONST.
+    pub constant: bool,
+    /// The size of each dimension; 0 if it is not a plain number. Empty for a single variable.
+    pub sizes: Vec<i32>,
+}
+
+/// Writes the declaration without its value: `DECL GLOBAL CONST INT N`.
+impl fmt::Display for DeclaredVariable {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let word = |has: bool, word: &'static str| if has { word } else { "" };
+        let (global, constant) = (word(self.global, "GLOBAL "), word(self.constant, "CONST "));
+        write!(f, "DECL {global}{constant}{} {}", self.type_name, self.name)?;
+        let sizes: Vec<String> = self.sizes.iter().map(i32::to_string).collect();
+        if sizes.is_empty() { Ok(()) } else { write!(f, "[{}]", sizes.join(",")) }
+    }
+}
+
+/// A CASE of a routine's SWITCH with a plain number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct StatedCase {
+    /// The number.
+    pub value: i32,
+    /// Line, from 1.
+    pub line: usize,
+    /// Whether no statement follows it.
+    pub is_empty: bool,
+}
+
+/// A routine of a program.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct StatedRoutine {
+    /// Line, from 1.
+    pub line: usize,
+    /// Whether other files see it.
+    pub global: bool,
+    /// The number of its parameters.
+    pub parameters: usize,
+    /// The cases of the SWITCH statements at its top level.
+    pub cases: Vec<StatedCase>,
+}
+
+/// A call in the main routine of a program.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct StatedCall {
+    /// The called routine, in upper case.
+    pub name: String,
+    /// Line, from 1.
+    pub line: usize,
+    /// Whether a loop repeats it.
+    pub in_loop: bool,
+}
+
+impl File {
+    /// Returns the line of DEFDAT, and whether it is PUBLIC; `None` for a program.
+    pub fn data_list(&self) -> Option<(usize, bool)> {
+        self.data.as_ref().map(|data| (data.line, data.public))
+    }
+
+    /// Returns the variables that the data list declares, in the order of the text.
+    pub fn declared_variables(&self) -> Vec<DeclaredVariable> {
+        let declarations = self.data.iter().flat_map(|data| &data.declarations);
+        let of_each = declarations.filter_map(|declaration| match &declaration.kind {
+            Declared::Variables { constant, type_name, items } => Some((declaration, *constant, type_name, items)),
+            _ => None,
+        });
+        of_each
+            .flat_map(|(declaration, constant, type_name, items)| {
+                items.iter().map(move |item| DeclaredVariable {
+                    name: item.name.clone(),
+                    line: declaration.line,
+                    type_name: type_name.clone(),
+                    global: declaration.global,
+                    constant,
+                    sizes: sizes(item),
+                })
+            })
+            .collect()
+    }
+
+    /// Returns the routine with this name, in upper case.
+    pub fn stated_routine(&self, name: &str) -> Option<StatedRoutine> {
+        let place = self.routines.iter().position(|routine| routine.name == name)?;
+        let routine = &self.routines[place];
+        let cases = routine.body.iter().flat_map(|statement| match &statement.action {
+            Action::Switch { cases, .. } => cases.as_slice(),
+            _ => &[],
+        });
+        let cases = cases.flat_map(|case| {
+            let numbers = case.values.iter().filter_map(|value| match value {
+                Expression::Int(value) => Some(*value),
+                _ => None,
+            });
+            numbers.map(|value| StatedCase { value, line: case.line, is_empty: case.body.is_empty() })
+        });
+        Some(StatedRoutine {
+            line: routine.line,
+            // The first routine of a file is seen by all.
+            global: routine.global || place == 0,
+            parameters: routine.parameters.len(),
+            cases: cases.collect(),
+        })
+    }
+
+    /// Returns the calls in the main routine, which is the first one, in the order of the text.
+    pub fn main_calls(&self) -> Vec<StatedCall> {
+        let mut calls = Vec::new();
+        if let Some(main) = self.routines.first() {
+            collect_calls(&main.body, false, &mut calls);
+        }
+        calls
+    }
+}
+
+fn sizes(item: &Item) -> Vec<i32> {
+    let size = |dimension: &Option<Expression>| match dimension {
+        Some(Expression::Int(size)) => *size,
+        _ => 0,
+    };
+    item.dimensions.iter().map(size).collect()
+}
+
+fn collect_calls(body: &[Statement], in_loop: bool, calls: &mut Vec<StatedCall>) {
+    for Statement { line, action } in body {
+        if let Action::Call(call) = action {
+            calls.push(StatedCall { name: call.name.clone(), line: *line, in_loop });
+        }
+        let repeats = matches!(
+            action,
+            Action::Loop { .. } | Action::While { .. } | Action::Repeat { .. } | Action::For { .. }
+        );
+        for block in action.blocks() {
+            collect_calls(block, in_loop || repeats, calls);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::parse;
+
+    #[test]
+    fn declarations_are_read_as_they_are_written() {
+        let text = "DEFDAT A\nDECL GLOBAL CONST INT N=2\nREAL B[3],C\nENDDAT\n";
+        let file = parse("a.dat", text);
+        let found: Vec<String> = file.declared_variables().iter().map(ToString::to_string).collect();
+        assert_eq!(found, ["DECL GLOBAL CONST INT N", "DECL REAL B[3]", "DECL REAL C"]);
+        assert_eq!(file.data_list(), Some((1, false)));
+    }
+
+    #[test]
+    fn cases_and_calls_are_read_with_their_lines() {
+        let text = "DEF A( )\nB(1)\nLOOP\nIF TRUE THEN\nC( )\nENDIF\nENDLOOP\nEND\n\
+                    DEF B(N:IN)\nDECL INT N\nSWITCH N\nCASE 0,1\nA( )\nCASE 2\nENDSWITCH\nEND\n";
+        let file = parse("a.src", text);
+        let calls: Vec<_> =
+            file.main_calls().into_iter().map(|call| (call.name, call.line, call.in_loop)).collect();
+        assert_eq!(calls, [("B".to_owned(), 2, false), ("C".to_owned(), 5, true)]);
+        let b = file.stated_routine("B").expect("there");
+        let cases: Vec<_> = b.cases.iter().map(|case| (case.value, case.line, case.is_empty)).collect();
+        assert_eq!(cases, [(0, 12, false), (1, 12, false), (2, 14, true)]);
+        assert_eq!((b.line, b.global, b.parameters), (9, false, 1));
+    }
+}
