@@ -72,6 +72,7 @@ pub use part_passes::PassesOfCycle;
 pub use past_cycles::CycleCounts;
 pub use people::NumberedEntry;
 pub use prune::Pruned;
+pub use requests::NumberedRequest;
 pub use signatures::{PersonSigns, SignatureRow};
 pub use teaching::{Taught, TaughtCorner, Teaching};
 pub use verifications::calibration_hash;

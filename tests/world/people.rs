@@ -13,7 +13,7 @@ use super::sabotage::Sabotage;
 use super::script::{self, Press};
 use panelprep::cycle::{self, At, Cause, Id, Robot, State, Trouble, Why};
 use panelprep::daemon::{LoopEvent, Port, Request, RequestAnswer, RequestCommand, RequestKind};
-use panelprep::record::{ANOTHER_PART, CycleId};
+use panelprep::record::{ANOTHER_PART, CycleId, RequestedAction};
 use panelprep::supervision::{Failure, ThreadFault};
 use panelprep::verdict::Verdict;
 use std::collections::VecDeque;
@@ -385,7 +385,10 @@ fn whats(press: Press, is_another_part: bool) -> Vec<RequestKind> {
         Press::Start => vec![begin(is_another_part)],
         Press::NewDisc => vec![RequestKind::NewDisc],
         Press::Leave => vec![RequestKind::Leave],
-        Press::Unprepared => vec![RequestKind::Unprepared { recipe: "none.toml".to_owned(), reasons: vec![] }],
+        Press::Unprepared => {
+            let wanted = RequestedAction::Start { recipe: "none.toml".to_owned() };
+            vec![RequestKind::Refused { wanted, reasons: vec![] }]
+        }
         Press::Everything => script::requests(press)
             .into_iter()
             .map(RequestKind::Table)
