@@ -6,6 +6,8 @@
 
 use super::commands::json;
 use super::service::{Service, taught};
+use panelprep::cycle::Request;
+use panelprep::record::RequestedAction;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
@@ -75,6 +77,13 @@ fn looked_through(browser: Child, service: &Service) {
     assert_eq!(told.lines().last(), Some("whole"), "{told}\n{problems}");
 }
 
+/// Returns the reasons that people gave for each hold.
+fn reasons_of_holds(store: &panelprep::store::Store) -> Vec<Vec<String>> {
+    let asked = store.requests(None, 1_000).expect("read").into_iter().map(|asked| asked.request);
+    let holds = asked.filter(|asked| asked.wanted == RequestedAction::For(Request::Hold));
+    holds.map(|hold| hold.reasons.into_iter().map(|reason| reason.message).collect()).collect()
+}
+
 /// A part is run from start to signature without a mouse; the focus is always visible.
 #[test]
 fn a_part_is_run_and_signed_with_the_keyboard_alone() {
@@ -89,9 +98,7 @@ fn a_part_is_run_and_signed_with_the_keyboard_alone() {
     let store = panelprep::store::Store::open(&folder.join("cell/store")).expect("a store");
     let signed = store.signed_by_persons(panelprep::record::CycleId(1)).expect("read");
     assert!(signed.iter().any(|(_, signature)| signature.user == "inspector"), "{signed:?}");
-    let audit = store.audit(None, 1_000).expect("read");
-    let held = audit.iter().find(|line| line.entry.what == "hold").expect("a hold");
-    assert!(held.entry.subject.as_ref().is_some_and(|subject| subject.contains("a hair on the lens")), "{held:?}");
+    assert_eq!(reasons_of_holds(&store), [["a hair on the lens"]]);
 }
 
 /// With one pass or two, the page draws and reports what the robot executed in each.
@@ -113,7 +120,7 @@ fn people_run_judge_and_sign_a_part_in_a_browser() {
     let folder = taught("clean");
     let folder = folder.path();
     let base = with_page(folder, POST);
-    for role in ["viewer", "operator", "inspector", "engineer", "administrator"] {
+    for role in ["display", "viewer", "operator", "inspector", "engineer", "administrator"] {
         add_account(folder, role);
     }
     let mut service = Some(Service::start(folder));
@@ -121,13 +128,23 @@ fn people_run_judge_and_sign_a_part_in_a_browser() {
     let mut told = Vec::new();
     for line in BufReader::new(browser.stdout.take().expect("its words")).lines() {
         let line = line.expect("text");
+        let mut reply = || browser.stdin.as_mut().expect("its input").write_all(b"continue\n").expect("it reads");
+        let signal = |signal| service.as_ref().expect("it runs").signal(signal);
+        if line == "hang" {
+            signal(rustix::process::Signal::STOP);
+            reply();
+        }
+        if line == "wake" {
+            signal(rustix::process::Signal::CONT);
+            reply();
+        }
         if line == "restart" {
             let before = service.take().expect("it runs");
             before.signal(rustix::process::Signal::TERM);
             before.ended();
             std::thread::sleep(std::time::Duration::from_secs(4));
             service = Some(Service::start(folder));
-            browser.stdin.as_mut().expect("its input").write_all(b"continue\n").expect("it reads");
+            reply();
         }
         told.push(line);
     }
@@ -150,7 +167,6 @@ fn people_run_judge_and_sign_a_part_in_a_browser() {
         })
     };
     for (what, who, refused) in [
-        ("hold", "operator", false),
         ("sign record", "inspector", true),
         ("sign record", "inspector", false),
         ("change recipe", "engineer", true),
@@ -159,10 +175,11 @@ fn people_run_judge_and_sign_a_part_in_a_browser() {
         // The change that would overwrite another person's change was attempted; a wrong recipe was only checked.
         assert!(has(what, who, refused), "{what} by {who}: {audit:#?}");
     }
+    assert_eq!(reasons_of_holds(&store), [["water on the lens"]]);
     let asked = store.cycle(panelprep::record::CycleId(2)).expect("read").asked;
     let abort = asked.iter().find(|asked| format!("{:?}", asked.wanted).contains("Abort")).expect("it is kept");
     let who = abort.who.as_ref().expect("by whom").to_string();
-    assert_eq!(who, "a person who was not logged in, on the operator's page");
+    assert_eq!(who, "a person who was not logged in, on the operator's page at 127.0.0.1");
 }
 
 /// Returns the trace of the cycle: each event, every motion with its end, and the verdict of each phase.

@@ -22,6 +22,8 @@ use strum::VariantArray;
 #[serde(rename_all = "lowercase")]
 #[strum(serialize_all = "lowercase")]
 pub enum Role {
+    /// A screen on the wall: it looks, and its session does not end by itself.
+    Display,
     /// Looks.
     Viewer,
     /// Runs cycles.
@@ -70,7 +72,7 @@ impl Role {
     pub fn may(self, permission: Permission) -> bool {
         use Permission::{Accept, Acknowledge, Audit, Configure, ManagePeople, Operate, Sign, View};
         match self {
-            Role::Viewer => matches!(permission, View),
+            Role::Display | Role::Viewer => matches!(permission, View),
             Role::Operator => matches!(permission, View | Operate | Accept | Acknowledge),
             Role::Inspector => matches!(permission, View | Accept | Acknowledge | Sign | Audit),
             Role::Engineer => matches!(permission, View | Operate | Accept | Acknowledge | Configure | Audit),
@@ -81,6 +83,7 @@ impl Role {
 
 impl Choice for Role {
     const WORDS: &'static [(&'static str, Self)] = &[
+        ("display", Role::Display),
         ("viewer", Role::Viewer),
         ("operator", Role::Operator),
         ("inspector", Role::Inspector),
@@ -98,7 +101,10 @@ mod tests {
     #[test]
     fn duties_are_separate() {
         let all = |permission| -> Vec<&str> { Role::allowed(permission).map(Role::word).collect() };
-        assert_eq!(all(Permission::View), ["viewer", "operator", "inspector", "engineer", "administrator"]);
+        assert_eq!(
+            all(Permission::View),
+            ["display", "viewer", "operator", "inspector", "engineer", "administrator"]
+        );
         assert_eq!(all(Permission::Operate), ["operator", "engineer"]);
         assert_eq!(all(Permission::Accept), ["operator", "inspector", "engineer"]);
         assert_eq!(all(Permission::Acknowledge), ["operator", "inspector", "engineer"]);

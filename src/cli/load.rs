@@ -6,4 +6,4 @@ mod taught;
 
 pub use cell_files::{Calibrated, CellFiles, NO_AXES, calibrated_serial, last_touch};
 pub use inputs::{CornerShot, corner_shots, flange_file, located, located_mm, picture, recipe, scan};
-pub use taught::{Taught, derive, taught};
+pub use taught::{Taught, derive, taught, teaching_of};

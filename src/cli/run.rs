@@ -95,6 +95,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
         pages: ended,
         written,
         cameras: lent,
+        view: view.clone(),
     };
     let mut handler = RequestHandler::new(queue, left_open, parts);
     // This also applies to a change that an earlier start found, until a person has cleared it.

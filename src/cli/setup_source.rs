@@ -4,7 +4,7 @@
 use super::args::{Common, Doctor};
 use super::calibrate::now_unix_s;
 use super::fault::Fault;
-use super::load::CellFiles;
+use super::load::{self, CellFiles};
 use super::{disk, doctor, health};
 use crate::check::{self, FileReport};
 use crate::config::Problems;
@@ -96,6 +96,11 @@ impl SetupSource for FolderSource {
             problems.push(format!("this is not a recipe, but the content of a file of the kind {other}"));
         }
         problems
+    }
+
+    fn not_taught(&self, name: &str, text: &str) -> Option<String> {
+        let recipe = Recipe::check(name, text).ok()?;
+        load::teaching_of(&self.files, Path::new(name), &recipe).err().map(|fault| fault.to_string())
     }
 
     fn save(&self, name: &str, text: &str) -> Result<Option<String>, String> {

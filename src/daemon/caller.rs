@@ -15,12 +15,17 @@ pub(super) type NameLookup = dyn Fn(u32) -> Option<String> + Send + Sync;
 /// The user at the other end of this connection to the service's socket, still without a name.
 pub(super) fn socket_peer(connection: impl AsFd) -> Who {
     let uid = rustix::net::sockopt::socket_peercred(connection).ok().map(|peer| peer.uid.as_raw());
-    Who { front: RequestSource::Socket, uid, user: None }
+    Who { front: RequestSource::Socket, uid, user: None, from: None }
 }
 
 /// The user who runs this program, with a command that runs one cycle or clears an abort.
 pub fn whoever_runs_this() -> Who {
-    named(Who { front: RequestSource::Command, uid: Some(rustix::process::getuid().as_raw()), user: None })
+    named(Who {
+        front: RequestSource::Command,
+        uid: Some(rustix::process::getuid().as_raw()),
+        user: None,
+        from: None,
+    })
 }
 
 /// Returns the same user with a name, if this computer's list of users has one.
@@ -73,7 +78,12 @@ mod tests {
     fn a_number_is_told_by_its_name() {
         let list =
             "root:x:0:0:root:/root:/bin/bash\nbroken\nanna:x:1001:1001:Anna:/home/anna:/bin/sh\n:x:7:7::/:\n";
-        let who = |uid| Who { front: RequestSource::Socket, uid, user: uid.and_then(|uid| name_in(list, uid)) };
+        let who = |uid| Who {
+            front: RequestSource::Socket,
+            uid,
+            user: uid.and_then(|uid| name_in(list, uid)),
+            from: None,
+        };
         let told = |uid| in_log(&who(Some(uid)));
         assert_eq!((told(0), told(1_001)), ("root (uid 0)".to_owned(), "anna (uid 1001)".to_owned()));
         assert_eq!((told(7), told(5)), ("uid 7".to_owned(), "uid 5".to_owned()), "no name, no such user");

@@ -6,7 +6,7 @@ use super::operator_texts;
 use super::reply::{Exit, Reply};
 use super::request::{PreparedCycle, Request, RequestKind, StartRequest};
 use super::request_queue::{RequestQueueError, RequestSender};
-use crate::record::Who;
+use crate::record::{RequestedAction, Who};
 use crate::verdict::Reason;
 use std::sync::Arc;
 use std::time::Duration;
@@ -55,13 +55,7 @@ impl Gateway {
                 match self.prepare(start).await {
                     Ok(prepared) => (RequestKind::Begin(Box::new(prepared)), who),
                     Err(refused) => {
-                        let what = RequestKind::Unprepared { recipe, reasons: refused.reasons.clone() };
-                        #[expect(
-                            clippy::let_underscore_must_use,
-                            reason = "if it is not accepted, the service has ended, or this user has too many \
-                                      requests waiting"
-                        )]
-                        let _ = self.queue.send(Request::new(what, who));
+                        self.keep_refused(RequestedAction::Start { recipe }, who, refused.reasons.clone());
                         return refused;
                     }
                 }
@@ -95,6 +89,15 @@ impl Gateway {
 
     async fn named(&self, who: Who, limit: Duration) -> Who {
         caller::named_within(who, self.names.clone(), limit).await
+    }
+
+    /// Passes on a request that was refused here or in a front, for the record.
+    pub(super) fn keep_refused(&self, wanted: RequestedAction, who: Who, reasons: Vec<Reason>) {
+        #[expect(
+            clippy::let_underscore_must_use,
+            reason = "if it is not accepted, the service has ended, or this user has too many requests waiting"
+        )]
+        let _ = self.queue.send(Request::new(RequestKind::Refused { wanted, reasons }, who));
     }
 
     /// Reads the files that a cycle needs, on a separate thread, because the disk may be slow.
@@ -139,5 +142,21 @@ mod tests {
         assert_eq!(named(Arc::new(move |_| hangs.lock().ok()?.recv().ok().map(|()| String::new()))), None);
         // The waiting thread ends with its channel, and the runtime can end.
         drop(disk);
+    }
+
+    /// A request that a front refuses by the user's role is recorded, too, with its author and reason.
+    #[test]
+    fn what_a_front_refuses_goes_to_the_record() {
+        let (sender, queue) = request_queue();
+        let loader: Arc<Loader> = Arc::new(|_| Err(vec![]));
+        let gateway = Gateway::new(sender, loader, None);
+        let wanted = RequestKind::Hold { why: "a hair".to_owned() }.wanted().expect("it is for the cell");
+        let who = Who { user: Some("ada".to_owned()), ..Who::by(RequestSource::Socket) };
+        gateway.keep_refused(wanted.clone(), who.clone(), vec![Reason::new("not_permitted", "no")]);
+        let kept = queue.next(Duration::ZERO).expect("a request");
+        assert_eq!((kept.who, kept.what.words().as_str()), (who, "hold"));
+        let RequestKind::Refused { wanted: found, reasons } = kept.what else { panic!("another request") };
+        assert_eq!((found, reasons.len()), (wanted, 1));
+        assert_eq!(RequestKind::State.wanted(), None);
     }
 }

@@ -74,6 +74,11 @@ impl LiveView {
         (inside.number, inside.frame.clone())
     }
 
+    /// Removes the picture: a cycle begins, and the picture belongs to another part.
+    pub(super) fn clear(&self) {
+        self.lock().frame = None;
+    }
+
     /// Returns the three-dimensional scene of the newest cycle.
     pub(super) fn scene(&self) -> &LiveScene {
         &self.1

@@ -136,7 +136,8 @@ pub fn request_line(what: &RequestKind) -> Result<String, ProtocolError> {
         | RequestKind::Decided { .. }
         | RequestKind::Outdated { .. }
         | RequestKind::Begin(_)
-        | RequestKind::Unprepared { .. }
+        | RequestKind::Hold { .. }
+        | RequestKind::Refused { .. }
         | RequestKind::Leave => return Err(ProtocolError::NotForClients),
     };
     let object = serde_json::to_string(&line)

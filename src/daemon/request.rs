@@ -11,7 +11,7 @@ use super::reply::Reply;
 use super::setup::CycleSetup;
 use crate::cycle;
 pub use crate::record::PartNames;
-use crate::record::{RequestSource, Who};
+use crate::record::{RequestSource, RequestedAction, Who};
 use crate::store::CycleStart;
 use crate::verdict::Reason;
 use serde::{Deserialize, Serialize};
@@ -47,15 +47,16 @@ pub enum RequestKind {
     /// Requests a report of the present state. It is answered at once.
     State,
     /// Requests the start of a cycle, in the form in which a front submits it. The loop receives it as `Begin` or
-    /// `Unprepared`.
+    /// `Refused`.
     Start(StartRequest),
     /// Begins a cycle whose files have been read.
     Begin(Box<PreparedCycle>),
-    /// A start that was refused when the cycle's files were read. The loop only records it.
-    Unprepared {
-        /// The recipe's file as the front named it.
-        recipe: String,
-        /// Why the cycle cannot begin.
+    /// A request that was refused before it reached the loop: a start whose files are wrong, or a user whose role does
+    /// not permit the request. The loop only records it.
+    Refused {
+        /// What was requested.
+        wanted: RequestedAction,
+        /// Why it is refused.
         reasons: Vec<Reason>,
     },
     /// Records that a new disc was mounted. Possible while the cell is at rest.
@@ -68,6 +69,11 @@ pub enum RequestKind {
         request: cycle::Request,
         /// The step.
         step: u64,
+    },
+    /// A request to hold the cycle, with the reason that a person gave.
+    Hold {
+        /// In the person's words.
+        why: String,
     },
     /// A decision that was based on a step other than the present one. The loop only records it.
     Outdated {
@@ -96,13 +102,34 @@ impl RequestKind {
             RequestKind::Table(request)
             | RequestKind::Decided { request, .. }
             | RequestKind::Outdated { request, .. } => operator_texts::command(*request).to_owned(),
+            RequestKind::Hold { why } => format!("{}: {why}", operator_texts::command(cycle::Request::Hold)),
             RequestKind::NewDisc => "new-disc".to_owned(),
             RequestKind::Begin(prepared) => format!("start of panel {}", prepared.setup.panel_name()),
-            RequestKind::Start(StartRequest { recipe, .. }) | RequestKind::Unprepared { recipe, .. } => {
+            RequestKind::Start(StartRequest { recipe, .. })
+            | RequestKind::Refused { wanted: RequestedAction::Start { recipe }, .. } => {
                 format!("start by {recipe}")
+            }
+            RequestKind::Refused { wanted: RequestedAction::NewDisc, .. } => "new-disc".to_owned(),
+            RequestKind::Refused { wanted: RequestedAction::For(request), .. } => {
+                operator_texts::command(*request).to_owned()
             }
             RequestKind::Shoot(shot) => shot.word().to_owned(),
             RequestKind::Leave => "leave".to_owned(),
+        }
+    }
+
+    /// Returns this request as the record names it, if a front refuses it; `None` if it changes nothing of the cell.
+    pub(super) fn wanted(&self) -> Option<RequestedAction> {
+        match self {
+            RequestKind::Table(request) | RequestKind::Decided { request, .. } => {
+                Some(RequestedAction::For(*request))
+            }
+            RequestKind::Hold { .. } => Some(RequestedAction::For(cycle::Request::Hold)),
+            RequestKind::NewDisc => Some(RequestedAction::NewDisc),
+            RequestKind::Start(StartRequest { recipe, .. }) => {
+                Some(RequestedAction::Start { recipe: recipe.clone() })
+            }
+            _ => None,
         }
     }
 
@@ -110,6 +137,7 @@ impl RequestKind {
     pub(super) fn of_table(&self) -> Option<cycle::Request> {
         match self {
             RequestKind::Table(request) => Some(*request),
+            RequestKind::Hold { .. } => Some(cycle::Request::Hold),
             RequestKind::Begin(prepared) => Some(prepared.request),
             _ => None,
         }

@@ -6,6 +6,7 @@
 //! second one aborts; the service ends from Stopped or Aborted only.
 
 use super::camera_lease::SharedCameras;
+use super::live_view::LiveView;
 use super::operator_texts;
 use super::ports::{LoopEvent, Requester};
 use super::replay::{Recording, RecordingSwitch};
@@ -47,6 +48,8 @@ pub struct ServiceParts {
     pub written: LastWrittenPage,
     /// The cameras, which are lent while the cell rests.
     pub cameras: Option<SharedCameras>,
+    /// What people who watch see.
+    pub view: LiveView,
 }
 
 /// Returns the phase inside Execute; for a held cycle, the phase in which it continues.
@@ -114,6 +117,8 @@ pub struct RequestHandler {
     /// The problems found last; `set_aside` contains those from before the last request.
     noted: Vec<Reason>,
     set_aside: Vec<Reason>,
+    /// The author of the last requested hold, with the reason if one was given.
+    holder: Option<Reason>,
     /// The state that the loop last showed.
     state: State,
     /// The last steps of the table, each with the state that it showed.
@@ -147,6 +152,7 @@ impl RequestHandler {
             ended: None,
             noted: Vec::new(),
             set_aside: Vec::new(),
+            holder: None,
             state: State::NEW,
             steps: VecDeque::new(),
         }
@@ -187,12 +193,13 @@ impl RequestHandler {
         use cycle::Request::{Abort, Accept, AirRun, Clear, Hold, Reset, Start, Stop, Unhold};
         let start = Start { max_passes: 1, max_moves: 0, dries: false };
         let air_run = AirRun { max_moves: 0 };
-        let asked = [Hold, Unhold { dried: false }, Accept, Stop, Abort, Clear, Reset, start, air_run];
+        let [plain, dried] = [false, true].map(|dried| Unhold { dried });
+        let asked = [Hold, plain, dried, Accept, Stop, Abort, Clear, Reset, start, air_run];
         let is_taken = |request: &cycle::Request| {
             let (_, effects) = cycle::step(*state, cycle::Event::Asked(*request));
             !effects.iter().any(|effect| matches!(effect, cycle::Effect::Refuse { .. }))
         };
-        let mut possible: Vec<_> = asked.into_iter().filter(is_taken).map(operator_texts::request_word).collect();
+        let mut possible: Vec<_> = asked.into_iter().filter(is_taken).map(operator_texts::command).collect();
         possible.extend(state.at.rests().then_some("new-disc"));
         let is_review = matches!(state.at, At::Held(hold) if hold.why == cycle::Why::Review);
         let (grids, film_total_s) = (self.grids.clone(), self.film_total_s);
@@ -201,7 +208,9 @@ impl RequestHandler {
 
     /// Returns why the cell is in this state, and the problems found last.
     fn reasons(&self, state: &State) -> Vec<Reason> {
-        operator_texts::why(state).into_iter().chain(self.noted.iter().cloned()).collect()
+        let is_requested = matches!(state.at, At::Held(hold) | At::Holding(hold) if hold.why == cycle::Why::Asked);
+        let holder = self.holder.iter().filter(|_| is_requested);
+        operator_texts::why(state).into_iter().chain(holder.chain(&self.noted).cloned()).collect()
     }
 
     fn answer(&mut self, answer: Exit, reasons: Vec<Reason>, state: &State) {
@@ -270,6 +279,12 @@ impl RequestHandler {
         self.waits_for_reset = matches!(request.what, RequestKind::Table(cycle::Request::Reset));
         // If the request is refused, these notes are restored.
         self.set_aside = self.noted.clone();
+        // A hold of a cycle that is held already is refused, and its author did not hold it.
+        if request.what.of_table() == Some(cycle::Request::Hold)
+            && !matches!(self.state.at, At::Held(_) | At::Holding(_))
+        {
+            self.holder = Some(operator_texts::holder(&request));
+        }
         match &request.what {
             RequestKind::Table(asked) => {
                 use cycle::Request::{Accept, Clear, Reset, Unhold};
@@ -396,6 +411,7 @@ impl Requester for RequestHandler {
             }
             LoopEvent::Begun(cycle, _) => {
                 self.noted.clear();
+                self.parts.view.clear();
                 (self.cycle, self.verdict) = (Some(cycle), None);
                 (self.panel, self.film_s) = (None, None);
                 if let Some(Ordered { panel, grids, film_total_s }) = self.ordered.take() {

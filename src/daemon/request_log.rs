@@ -27,6 +27,7 @@ impl Running<'_> {
                 self.keep_asked(RequestedAction::For(request), self.requester.clone(), (Answer::Done, remarks))
             }
             (Event::Asked(request), Some((_, refusal))) => {
+                self.remarks.clear();
                 let came = why(request, refusal);
                 self.keep_asked(RequestedAction::For(request), self.requester.clone(), came)
             }

@@ -246,7 +246,7 @@ mod tests {
         let (sender, queue) = request_queue();
         let press = |request| {
             let (reply, answer) = oneshot::channel();
-            let who = Who { front: RequestSource::Socket, uid: Some(7), user: None };
+            let who = Who { front: RequestSource::Socket, uid: Some(7), user: None, from: None };
             sender.send(Request { what: RequestKind::Table(request), who, reply: Some(reply) }).expect("a place");
             answer
         };
@@ -266,7 +266,7 @@ mod tests {
     #[test]
     fn what_nobody_waits_for_any_more_is_not_done_but_a_stop_is() {
         let (sender, queue) = request_queue();
-        let who = || Who { front: RequestSource::Socket, uid: Some(7), user: None };
+        let who = || Who { front: RequestSource::Socket, uid: Some(7), user: None, from: None };
         for request in [cycle::Request::Reset, Stop, cycle::Request::Clear, Hold] {
             let (reply, answer) = oneshot::channel();
             let what = RequestKind::Table(request);
@@ -284,7 +284,7 @@ mod tests {
     fn what_stops_goes_first_and_always_finds_a_place() {
         let (sender, queue) = request_queue();
         let send = |uid, request| {
-            let who = Who { front: RequestSource::Socket, uid: Some(uid), user: None };
+            let who = Who { front: RequestSource::Socket, uid: Some(uid), user: None, from: None };
             sender.send(Request::new(RequestKind::Table(request), who))
         };
         let next = || match queue.next(Duration::ZERO) {

@@ -271,13 +271,16 @@ impl Running<'_> {
                 self.keep_asked(RequestedAction::For(request), self.requester.clone(), (Answer::Failed, reasons))?;
             }
             RequestKind::Table(request) => return Ok(RequestOutcome::Happens(Event::Asked(request))),
+            RequestKind::Hold { why } => {
+                self.remarks = vec![Reason::new("held_by", why)];
+                return Ok(RequestOutcome::Happens(Event::Asked(cycle::Request::Hold)));
+            }
             RequestKind::Begin(prepared) => {
                 let event = self.begin_cycle(*prepared);
                 self.events.extend(event);
             }
             RequestKind::NewDisc => self.new_disc()?,
-            RequestKind::Unprepared { recipe, reasons } => {
-                let wanted = RequestedAction::Start { recipe };
+            RequestKind::Refused { wanted, reasons } => {
                 self.keep_asked(wanted, self.requester.clone(), (Answer::Refused, reasons))?;
             }
             RequestKind::Outdated { request, reasons } => {

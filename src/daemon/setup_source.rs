@@ -84,6 +84,10 @@ pub trait SetupSource: Send + Sync {
     /// Returns the problems of a recipe as `panelprep check` reports them; empty if it is right.
     fn problems(&self, name: &str, text: &str) -> Vec<String>;
 
+    /// Returns why no cycle can start by this text although it is valid: the panel was not taught, or was taught with
+    /// another region.
+    fn not_taught(&self, name: &str, text: &str) -> Option<String>;
+
     /// Writes a recipe in place of the one with this name; returns the former text.
     ///
     /// # Errors

@@ -203,7 +203,11 @@ async fn attend((stream, who): (UnixStream, Who), mut slot: Slot<Option<u32>>, g
         what => what,
     });
     if let Some(reason) = heard.as_ref().ok().and_then(|what| rule.refusal(&who, what)) {
-        tracing::warn!("refused to {}: {}", caller::in_log(&caller::named(who)), reason.message);
+        let who = caller::named(who);
+        tracing::warn!("refused to {}: {}", caller::in_log(&who), reason.message);
+        if let Some(wanted) = heard.as_ref().ok().and_then(RequestKind::wanted) {
+            gateway.keep_refused(wanted, who, vec![reason.clone()]);
+        }
         return send_reply(&stream, &Reply::refused(Exit::Refused, vec![reason])).await;
     }
     if let (Ok(RequestKind::Shoot(shot)), Some(cameras)) = (&heard, &gateway.cameras) {

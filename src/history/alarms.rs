@@ -10,6 +10,7 @@ use super::codes::{Priority, code};
 use crate::record::{Answer, CycleId, CycleRecord, Kind};
 use crate::verdict::Reason;
 use serde::Serialize;
+use std::collections::BTreeSet;
 
 /// One alarm.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -20,7 +21,7 @@ pub struct Alarm {
     pub code: String,
     /// How urgent it is.
     pub priority: Priority,
-    /// The finding, in the words of that time.
+    /// The finding, in the words of the last finding that gave the code.
     pub message: String,
     /// The meaning of the code; empty if this program does not give it.
     pub cause: String,
@@ -100,12 +101,16 @@ fn of_findings(record: &CycleRecord, times: &AlarmTimes) -> Vec<Alarm> {
         for alarm in all.iter_mut().filter(lasting).filter(|alarm| !given(alarm)) {
             alarm.gone_unix_ms = Some(at);
         }
-        for reason in &finding.judgement.reasons {
-            let is_raised = all
-                .iter()
-                .any(|alarm| alarm.is_active() && alarm.phase == Some(finding.kind) && alarm.code == reason.code);
-            if !is_raised {
-                all.push(Alarm::new(Some(record.id), reason, Some(finding.kind), at));
+        // The first sentence of each code speaks for all.
+        let mut spoken = BTreeSet::new();
+        for reason in finding.judgement.reasons.iter().filter(|reason| spoken.insert(&reason.code)) {
+            let raised = all
+                .iter_mut()
+                .find(|alarm| alarm.is_active() && alarm.phase == Some(finding.kind) && alarm.code == reason.code);
+            match raised {
+                // The alarm lasts, but its sentence may name another place now.
+                Some(alarm) => alarm.message.clone_from(&reason.message),
+                None => all.push(Alarm::new(Some(record.id), reason, Some(finding.kind), at)),
             }
         }
     }

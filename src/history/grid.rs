@@ -1,10 +1,10 @@
 //! The results of each grid of a panel in one cycle: for its first film, the passes, and its last film.
 
 use crate::number_text::fixed;
-use crate::record::{Abraded, Finding, Kind, name};
+use crate::record::{Abraded, CycleRecord, Finding, How, Kind, abraded, name};
 use crate::verdict::Verdict;
 use serde::Serialize;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// The history of a grid in one cycle; a value is `None` if the grid was not seen.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
@@ -81,6 +81,17 @@ pub fn seen_grids(film: &Finding) -> BTreeMap<String, (bool, Option<f64>)> {
     });
     checks.collect()
 }
+/// The grids that the tool sanded only in part, or touched, or may have touched, after the last valid film. A cycle
+/// that was cut short in contact leaves such grids.
+pub fn touched_grids(record: &CycleRecord) -> BTreeSet<String> {
+    let films = record.findings.iter().filter(|one| one.kind == Kind::Inspect);
+    let last_film = films.filter(|film| film.judgement.verdict != Verdict::Invalid).map(|film| film.pass).max();
+    let after = |one: &Abraded| last_film.is_none_or(|film| one.pass > film);
+    let unknown = |one: &Abraded| one.how != How::Whole;
+    let all = abraded(&record.findings, &record.motions).into_iter().filter(|one| after(one) && unknown(one));
+    all.filter_map(|one| one.grid).collect()
+}
+
 /// The state of each grid that was seen: the result of the last film, and abrasion after it.
 pub fn grid_states(findings: &[Finding]) -> BTreeMap<String, &'static str> {
     let mut grids = BTreeMap::new();

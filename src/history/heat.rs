@@ -33,11 +33,14 @@ pub struct HeatCell {
     pub median_s: Option<f64>,
 }
 
-/// Counts the breaks of each grid. Cycles that ran in the air have no film.
+/// Counts the breaks of each grid. Cycles that ran in the air have no film. Only cycles with the taught panel of the
+/// newest cycle count: in another one a grid of the same name may be another place.
 pub fn heat_map(cycles: &[PastCycle]) -> HeatMap {
+    let newest = cycles.iter().max_by_key(|past| past.record.id).map(|past| &past.record.taught_version);
+    let cycles = cycles.iter().filter(|past| Some(&past.record.taught_version) == newest);
     let mut films = 0;
     let mut all: BTreeMap<(u32, u32), (String, usize, usize, Vec<f64>)> = BTreeMap::new();
-    for past in cycles.iter().filter(|past| past.films().next().is_some()) {
+    for past in cycles.filter(|past| past.films().next().is_some()) {
         films += 1;
         for (grid, told) in past.grids() {
             let (Some(at), Some(failed)) = (grid_place(&grid), told.failed_first) else { continue };

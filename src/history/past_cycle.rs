@@ -44,8 +44,7 @@ impl PastCycle {
 
     /// Returns the number of passes over the panel that are known to have touched it.
     pub fn passes(&self) -> u8 {
-        let all = abraded(&self.record.findings, &self.record.motions);
-        all.iter().filter(|one| one.how.is_sure()).map(|one| one.pass).max().unwrap_or(0)
+        passes(&self.record)
     }
 
     /// Every grid that a film or a pass reports.
@@ -60,6 +59,12 @@ impl PastCycle {
         let is_interrupted = reasons.any(|reason| reason.code == "interrupted");
         Some(self.record.ended_unix_s? - self.record.started_unix_s).filter(|_| !is_interrupted)
     }
+}
+
+/// Returns the number of this cycle's passes over the panel that are known to have touched it.
+pub fn passes(record: &CycleRecord) -> u8 {
+    let all = abraded(&record.findings, &record.motions);
+    all.iter().filter(|one| one.how.is_sure()).map(|one| one.pass).max().unwrap_or(0)
 }
 
 fn is_valid(film: &Finding) -> bool {

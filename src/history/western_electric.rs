@@ -74,7 +74,8 @@ pub struct Hint {
     pub side: Side,
 }
 
-/// The usual range of the values: their mean and their scatter, one standard deviation.
+/// The usual range of the values: their mean and their scatter, which is estimated from the differences of
+/// neighbours and is not the standard deviation of the values.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Usual {
     /// The mean.

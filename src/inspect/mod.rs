@@ -47,7 +47,7 @@ pub use error::InspectError;
 pub use film_advice::{Flashes, GridContrast};
 pub use footprint::{Footprint, GridFootprint};
 pub use gate::{MIN_CHANGE_TO_NOISE, name};
-pub use observed::{ByCell, Demands, GridInspection, Observation, Reference};
+pub use observed::{ByCell, Demands, GridInspection, Observation, Reference, picture_interval_s};
 pub use pieces::Break;
 pub use place::{MAX_OFF_PX, too_coarse};
 pub use quality::{Flaw, Flawed, Quality};

@@ -74,7 +74,7 @@ impl Demands {
     /// Returns the smallest accepted time from the first to the last wet picture, s: the last picture of a window may
     /// be taken one interval before the window ends.
     pub fn min_observed_s(&self) -> f64 {
-        self.observation_s - 1.001 / self.frames_per_second
+        self.observation_s - picture_interval_s(self.frames_per_second)
     }
 
     /// Returns how long a film must be seen in usable pictures, s.
@@ -86,6 +86,12 @@ impl Demands {
     pub fn max_gap_s(&self) -> f64 {
         (MAX_GAP_INTERVALS / self.frames_per_second).max(self.persist_s)
     }
+}
+
+/// Returns the time by which the first and the last picture of a window may be closer together than the window is
+/// long, s.
+pub fn picture_interval_s(frames_per_second: f64) -> f64 {
+    1.001 / frames_per_second
 }
 
 /// The reference with which the places of a grid were compared.

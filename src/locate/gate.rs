@@ -56,9 +56,20 @@ pub fn min_outline_found(limits: &recipe::Locate) -> f64 {
     (limits.min_overlap() - OUTLINE_ALLOWANCE).max(0.0)
 }
 
+/// The code of a fit that still moved in its last step.
+const NOT_CONVERGED: &str = "not_converged";
+
 /// Judges a fit by the recipe's limits.
 pub fn judge(fit: &Fit, recipe: &Recipe) -> Judgement {
-    Judgement::of_checks(&checks(fit, recipe))
+    judgement(&checks(fit, recipe))
+}
+
+/// Returns the judgement of a fit's checks. A fit to another object often does not converge either: the reasons that
+/// name the object come first, because another scan would not help.
+pub fn judgement(checks: &[Check]) -> Judgement {
+    let mut judgement = Judgement::of_checks(checks);
+    judgement.reasons.sort_by_key(|reason| reason.code == NOT_CONVERGED);
+    judgement
 }
 
 /// Returns every number of a fit with its limit, in the order in which they are judged.
@@ -87,7 +98,7 @@ fn panel(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
     let mut checks = vec![
         Check::new("last step of the fit", "mm", fit.last_step_mm)
             .at_most(MAX_LAST_STEP_MM, SetBy::Program)
-            .rejects("not_converged", || {
+            .rejects(NOT_CONVERGED, || {
                 let (steps, step_mm) = (fit.iterations, fit.last_step_mm);
                 let [step, allowed] = apart(step_mm, MAX_LAST_STEP_MM, 4);
                 format!("the fit did not converge in {steps} iterations: last step {step} mm, limit {allowed} mm; scan again")
@@ -317,6 +328,8 @@ mod tests {
         assert_eq!(judged(&Fit { rms_mm: 0.26, ..good() }), (Verdict::Reject, vec!["poor_fit".into()]));
         assert_eq!(judged(&Fit { last_step_mm: 0.011, ..good() }), (Verdict::Reject, vec!["not_converged".into()]));
         assert_eq!(judged(&Fit { rms_mm: f64::NAN, ..good() }), (Verdict::Reject, vec!["poor_fit".into()]));
+        let other_panel = Fit { last_step_mm: 0.9, rms_mm: 1.0, ..good() };
+        assert_eq!(judged(&other_panel).1, ["poor_fit", "not_converged"], "the cause first");
     }
 
     #[test]

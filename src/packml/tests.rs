@@ -166,7 +166,7 @@ fn every_method_stands_in_the_table_with_its_roles() {
         let method = method(name).expect("such a method");
         Role::VARIANTS.iter().filter(|role| method.is_allowed(Some(**role))).map(|role| role.word()).collect()
     };
-    let everybody = ["viewer", "operator", "inspector", "engineer", "administrator"];
+    let everybody = ["display", "viewer", "operator", "inspector", "engineer", "administrator"];
     for (name, expected) in [
         ("Reset", &["operator", "engineer"][..]),
         ("Start", &["operator", "engineer"]),

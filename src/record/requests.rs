@@ -47,6 +47,9 @@ pub struct Who {
     pub uid: Option<u32>,
     /// The user's name; `None` if the system has no name for the number.
     pub user: Option<String>,
+    /// The address of the sender's computer; `None` if there is none or it is not known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub from: Option<String>,
 }
 
 /// The path by which a request arrived.
@@ -86,7 +89,7 @@ pub enum Answer {
 impl Who {
     /// Returns a sender of which only this source is known.
     pub fn by(front: RequestSource) -> Self {
-        Who { front, uid: None, user: None }
+        Who { front, uid: None, user: None, from: None }
     }
 }
 
@@ -95,10 +98,11 @@ impl std::fmt::Display for Who {
         let by = match self.front {
             RequestSource::Socket => "through the service's socket",
             RequestSource::Page => {
-                return match &self.user {
-                    Some(user) => write!(f, "{user}, on the operator's page"),
-                    None => f.write_str("a person who was not logged in, on the operator's page"),
-                };
+                match &self.user {
+                    Some(user) => write!(f, "{user}, on the operator's page")?,
+                    None => f.write_str("a person who was not logged in, on the operator's page")?,
+                }
+                return self.from.iter().try_for_each(|from| write!(f, " at {from}"));
             }
             RequestSource::OpcUa => {
                 return match &self.user {

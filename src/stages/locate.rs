@@ -42,7 +42,7 @@ pub fn locate<'a>(
     let found = prepared.as_ref().map_err(|&error| error.clone()).and_then(Prepared::locate);
     let checks = found.as_ref().map_or(Vec::new(), |fit| gate::checks(fit, recipe));
     let judgement = match &found {
-        Ok(_) => Judgement::of_checks(&checks),
+        Ok(_) => gate::judgement(&checks),
         Err(error) => gate::refusal(error),
     };
     Located { fit: found.ok(), checks, judgement, panel, view, prepared: prepared.ok() }

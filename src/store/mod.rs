@@ -75,6 +75,7 @@ pub use part_passes::PassesOfCycle;
 pub use past_cycles::CycleCounts;
 pub use people::NumberedEntry;
 pub use prune::Pruned;
+pub use requests::NumberedRequest;
 pub use restores::Restore;
 pub use signatures::{PersonSigns, SignatureRow};
 pub use teaching::{Taught, TaughtCorner, Teaching};

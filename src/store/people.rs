@@ -84,8 +84,8 @@ impl Store {
         })
     }
 
-    /// The newest lines of the audit trail, at most `most`, the newest first; with `before`, only lines with a
-    /// lower number.
+    /// The newest lines of the audit trail, at most `most`, the newest first; with `before`, only lines before this
+    /// time, ms since 1970. Requests to the cell have rows of their own ([`Store::requests`]).
     ///
     /// # Errors
     /// If they cannot be read.
@@ -93,7 +93,7 @@ impl Store {
         if !self.has_table("audit")? {
             return Ok(Vec::new());
         }
-        let sql = "SELECT id, entry FROM audit WHERE id < ?1 ORDER BY id DESC LIMIT ?2";
+        let sql = "SELECT id, entry FROM audit WHERE unix_ms < ?1 ORDER BY id DESC LIMIT ?2";
         let (before, most) = (before.unwrap_or(i64::MAX), i64::try_from(most).unwrap_or(i64::MAX));
         self.entries(sql, &[&before, &most])
     }
@@ -161,9 +161,10 @@ mod tests {
         }
         let found = store.audit_about("change recipe", "door.toml: ").expect("read");
         assert_eq!(found.iter().map(|line| line.number).collect::<Vec<_>>(), [7, 3]);
-        let [newest] = &store.audit(Some(7), 1).expect("read")[..] else { panic!("one") };
-        assert_eq!((newest.number, newest.entry.refused.as_deref()), (6, Some("line 1")));
-        assert!(newest.entry.unix_ms > 0, "the time is set by the store");
+        let [newest, before] = &store.audit(None, 2).expect("read")[..] else { panic!("two") };
+        assert_eq!((newest.number, before.number, before.entry.refused.as_deref()), (7, 6, Some("line 1")));
+        assert_eq!(store.audit(Some(store.audit(None, 9).expect("read")[6].entry.unix_ms), 9).expect("read"), []);
+        assert!(before.entry.unix_ms > 0, "the time is set by the store");
         drop(store);
         let verified = Store::verify(&folder.path().join("store"), true).expect("verified");
         assert_eq!(verified.found, [] as [String; 0]);

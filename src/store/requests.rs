@@ -21,6 +21,17 @@ pub(super) const TABLES: &str = "
     CREATE INDEX requests_by_cycle ON requests (cycle_id);
 ";
 
+/// A request with its number in the store.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NumberedRequest {
+    /// The number, from 1.
+    pub number: i64,
+    /// The cycle in which it was made; `None` between cycles.
+    pub cycle: Option<CycleId>,
+    /// The request.
+    pub request: RequestRecord,
+}
+
 impl Store {
     /// Stores a request with its answer; `journal` is its line in the journal, if it has one. Its time is set here.
     ///
@@ -42,6 +53,28 @@ impl Store {
             )?;
             writing.chain("requests", writing.last_insert_rowid())
         })
+    }
+
+    /// The newest requests of all cycles and between them, at most `most`, the newest first, each with its number and
+    /// its cycle; with `before`, only requests before this time, ms since 1970.
+    ///
+    /// # Errors
+    /// If they cannot be read.
+    pub fn requests(&self, before: Option<i64>, most: usize) -> Result<Vec<NumberedRequest>, StoreError> {
+        if !self.has_table("requests")? {
+            return Ok(Vec::new());
+        }
+        let (before, most) = (before.unwrap_or(i64::MAX), i64::try_from(most).unwrap_or(i64::MAX));
+        let read = || -> Result<Vec<(i64, Option<i64>, String)>, rusqlite::Error> {
+            let sql = "SELECT id, cycle_id, request FROM requests WHERE unix_ms < ?1 ORDER BY id DESC LIMIT ?2";
+            let row = |row: &rusqlite::Row<'_>| Ok((row.get(0)?, row.get(1)?, row.get(2)?));
+            self.connection.prepare(sql)?.query_map([before, most], row)?.collect()
+        };
+        let rows = read().map_err(|error| self.failed("read the requests of", &error))?;
+        let request = |(number, cycle, text): (i64, Option<i64>, String)| {
+            Ok(NumberedRequest { number, cycle: cycle.map(CycleId), request: self.parsed(&text)? })
+        };
+        rows.into_iter().map(request).collect()
     }
 
     /// The requests in a cycle, in order; for lines of the journal without a row, the content of the line.

@@ -1,7 +1,7 @@
 // The operator's page as people use it: logs in, runs a part, holds, accepts a review, signs, looks at every page in both languages,
 // light and dark and at three widths, and holds each against the rules of axe-core. Pictures of every page stay in a folder.
 //
-// node browser.mjs ADDRESS PICTURES MODULES: writes a line for each step; at "restart" it waits for a line on its input.
+// node browser.mjs ADDRESS PICTURES MODULES: writes a line for each step; at "restart" and "hang" it waits for a line on its input.
 
 import { createInterface } from "node:readline";
 import { asked, base, browser, fail, judged, logIn, password, person, pictures, reaches, state, step, wide, wrong } from "./people.mjs";
@@ -48,6 +48,8 @@ await operator.fill("#why-held", "water on the lens");
 await asked(operator, "hold");
 await judged(operator, "run-film");
 await reaches(operator, "held");
+await operator.waitForFunction(() => /operator: water on the lens/.test(document.querySelector("#state").innerText));
+if ((await operator.inputValue("#why-held")) !== "") fail("the reason of this hold would be sent with the next one");
 await judged(operator, "run-held");
 step("watched and held with a reason");
 await asked(operator, "unhold");
@@ -58,11 +60,57 @@ while ((await state(operator)) !== "complete") {
   await operator.waitForTimeout(300);
 }
 await judged(operator, "run-complete");
+if (/now|jetzt/i.test(await operator.innerText("#frame-name"))) fail("a film that is over is called the film now");
 step("continued and completed");
+
+// A session that ended: the page shows nothing of the part, and says so. A wall display keeps its session.
+const [watcher, display] = [await person(), await person()];
+await logIn(display, "display");
+await logIn(watcher, "viewer");
+await watcher.waitForFunction(() => document.querySelector("#panel").innerText.includes("SN-0017") && document.querySelector("#grids table"));
+for (let others = 0; others < 3; others += 1) {
+  const other = await person();
+  await logIn(other, "viewer");
+  await other.context().close();
+}
+await watcher.waitForSelector(".banner:has-text('Your session has ended')", { timeout: 10_000 });
+await watcher.waitForSelector("#state[data-state=complete]");
+const left = await watcher.innerText("main");
+if (left.includes("SN-0017") || (await watcher.$("#grids table")) || (await watcher.$("#frame"))) fail(`a page without a session shows ${left}`);
+if (!(await display.innerText("#panel")).includes("SN-0017")) fail("the wall display does not show the part");
+await judged(watcher, "run-session-ended");
+await judged(display, "run-display");
+await watcher.context().close();
+await display.context().close();
+step("a session ended, and the page said so");
+
+// Without an answer, Stop and Abort say so within about a second, on every page.
+const reader = await person();
+await logIn(reader, "operator");
+await reader.goto(`${base}/history`);
+const halts = async (page, name, expected) => {
+  const since = Date.now();
+  await page.click(`#${name}`);
+  await page.waitForFunction((expected) => new RegExp(expected).test(document.querySelector("#stop-told").innerText), expected, { timeout: 1_500 });
+  return Date.now() - since;
+};
+step("hang");
+await lines.next();
+for (const page of [operator, reader]) await halts(page, "stop", "emergency stop");
+await operator.waitForFunction(() => /emergency stop/.test(document.querySelector("#stale").innerText));
+await judged(operator, "run-hung");
+await judged(reader, "history-hung");
+step("wake");
+await lines.next();
+await operator.waitForFunction(() => document.querySelector("#stale").hidden);
+step("a service that hangs does not answer a stop, and the page says so");
 
 step("restart");
 await operator.waitForFunction(() => !document.querySelector("#stale").hidden);
-await operator.screenshot({ path: `${pictures}/run-stale.png` });
+for (const page of [operator, reader]) await halts(page, "abort", "emergency stop");
+await judged(operator, "run-stale");
+await reader.screenshot({ path: `${pictures}/history-dead.png` });
+await reader.context().close();
 await lines.next();
 await operator.waitForFunction(() => document.querySelector("#stale").hidden && document.querySelector("#state").dataset.state === "stopped");
 step("came back after a restart");
@@ -85,19 +133,24 @@ await record.locator("text=SN-0017").first().waitFor();
 await judged(inspector, "cycle-signed");
 step("signed");
 
-await inspector.goto(`${base}/history?serial=SN-0017`);
-if (!(await inspector.locator("main").innerText()).includes("SN-0017")) fail("the part is not in the history");
+const history = async (part) => { await inspector.goto(`${base}/history?part=${part}`); return inspector.locator("main").innerText(); };
+if (!(await history("SN-0017")).includes("SN-0017")) fail("the part is not in the history");
+if (/SN-0017|\/cycle\//.test(await history("SN-9999"))) fail("the history lists what was not searched");
+if (!(await inspector.locator("main").innerText()).includes("No cycle was found.")) fail("the history does not say that nothing was found");
 step("found in the history");
 
 await asked(operator, "reset");
 await reaches(operator, "idle");
+const ready = await operator.evaluate(() => ["#panel", "#cycle", "#pass"].map((name) => document.querySelector(name).innerText).join("|"));
+if (ready !== "|–|–" || (await operator.$("#grids table td")) || !(await operator.locator("#frame").isHidden())) fail(`a cell that was reset shows ${ready}`);
+await judged(operator, "run-ready-again");
 await operator.fill("input[name=serial]", "SN-0018");
 await operator.click("form#start button[type=submit]");
 await operator.waitForFunction(() => document.querySelector("#state").dataset.state === "execute");
 const stranger = await person();
 await stranger.goto(`${base}/`);
 await stranger.waitForSelector("#state[data-state]:not([data-state=''])");
-await stranger.click("#abort");
+await halts(stranger, "abort", "received by the cell");
 await reaches(stranger, "aborted");
 await judged(stranger, "run-aborted");
 step("aborted without logging in");
@@ -186,6 +239,10 @@ const administrator = await person();
 await logIn(administrator, "administrator");
 await administrator.goto(`${base}/people`);
 await judged(administrator, "people");
+await administrator.goto(`${base}/audit`);
+const trail = await administrator.innerText("main");
+for (const words of ["reset", "water on the lens", "accept", "abort", "log in"]) if (!trail.includes(words)) fail(`the audit trail has no ${words}: ${trail}`);
+await judged(administrator, "audit");
 step("looked at every page in both languages, light and dark, at three widths");
 
 await browser.close();

@@ -9,7 +9,7 @@
 
 use panelprep::cycle::{self, At, State};
 use panelprep::daemon::{
-    Exit, LastWrittenPage, LoopEvent, RecordingSwitch, Reply, Request, RequestHandler, RequestKind,
+    Exit, LastWrittenPage, LiveView, LoopEvent, RecordingSwitch, Reply, Request, RequestHandler, RequestKind,
     RequestQueueError, RequestSender, Requester, ServiceParts, read_request, request_line, request_queue,
 };
 use panelprep::record::{CycleId, RequestSource, Who};
@@ -90,6 +90,7 @@ impl Desk {
             pages: channel().0,
             written: LastWrittenPage::default(),
             cameras: None,
+            view: LiveView::default(),
         };
         let handler = RequestHandler::new(queue, left, parts);
         Desk { handler, sender, waiting: Vec::new(), rounds: 0, leaves: false, wrong: None, decided: 0 }
@@ -117,7 +118,7 @@ impl Desk {
         let (words, urgent) = (format!("{what:?}"), is_urgent(&what));
         self.leaves |= matches!(what, RequestKind::Leave);
         let (reply, answer) = oneshot::channel();
-        let who = Who { front: RequestSource::Socket, uid: Some(uid), user: None };
+        let who = Who { front: RequestSource::Socket, uid: Some(uid), user: None, from: None };
         let others = || self.waiting.iter().filter(|waiting| waiting.queued && !waiting.urgent);
         let (of_user, of_all) = (others().filter(|waiting| waiting.uid == uid).count(), others().count());
         let has_place = urgent || (of_user < MAX_QUEUED_PER_USER && of_all < MAX_QUEUED);

@@ -13,7 +13,7 @@ use super::sabotage::Sabotage;
 use super::script::{self, Press};
 use panelprep::cycle::{self, At, Cause, Id, Robot, State, Trouble, Why};
 use panelprep::daemon::{LoopEvent, Port, Request, RequestAnswer, RequestCommand, RequestKind};
-use panelprep::record::{ANOTHER_PART, CycleId, LostPasses};
+use panelprep::record::{ANOTHER_PART, CycleId, LostPasses, RequestedAction};
 use panelprep::supervision::{Failure, ThreadFault};
 use panelprep::verdict::Verdict;
 use std::collections::VecDeque;
@@ -413,7 +413,10 @@ fn whats(press: Press, stated: Stated) -> Vec<RequestKind> {
         Press::Start => vec![begin(stated)],
         Press::NewDisc => vec![RequestKind::NewDisc],
         Press::Leave => vec![RequestKind::Leave],
-        Press::Unprepared => vec![RequestKind::Unprepared { recipe: "none.toml".to_owned(), reasons: vec![] }],
+        Press::Unprepared => {
+            let wanted = RequestedAction::Start { recipe: "none.toml".to_owned() };
+            vec![RequestKind::Refused { wanted, reasons: vec![] }]
+        }
         Press::Everything => script::requests(press)
             .into_iter()
             .map(RequestKind::Table)

@@ -8,7 +8,7 @@ use crate::locate::ScanErrors;
 use crate::panel::{TaughtCorner, TaughtPanel};
 use crate::recipe::Recipe;
 use crate::stages::learn;
-use crate::store::Teaching;
+use crate::store::{Taught as KeptTeaching, Teaching};
 use std::path::Path;
 
 /// The taught data of a panel, derived again from the data in the store.
@@ -26,6 +26,20 @@ pub struct Taught {
 /// # Errors
 /// If the panel was not taught, its files are damaged, or the recipe's `[region]` or `[nominal]` differs from the taught one.
 pub fn taught(files: &CellFiles, recipe_file: &Path, recipe: &Recipe) -> Result<Taught, Fault> {
+    let (kept, taught_recipe) = teaching_of(files, recipe_file, recipe)?;
+    let now = files.scanner_lens()?;
+    derive(&kept.teaching, (&taught_recipe, &now), kept.version, &|index| format!("taught corner {}", index + 1))
+}
+
+/// Reads the stored teaching of the recipe's panel, with the recipe of that time.
+///
+/// # Errors
+/// If the panel was not taught, its files are damaged, or the recipe's `[region]` or `[nominal]` differs from the taught one.
+pub fn teaching_of(
+    files: &CellFiles,
+    recipe_file: &Path,
+    recipe: &Recipe,
+) -> Result<(KeptTeaching, Recipe), Fault> {
     let kept = files.store()?.taught(recipe.panel(), None).map_err(Fault::stage)?;
     let taught_recipe = Recipe::check("the taught recipe", &kept.teaching.recipe_text)?;
     let is_other_region = taught_recipe.region() != recipe.region();
@@ -39,8 +53,7 @@ pub fn taught(files: &CellFiles, recipe_file: &Path, recipe: &Recipe) -> Result<
         }
         .into());
     }
-    let now = files.scanner_lens()?;
-    derive(&kept.teaching, (&taught_recipe, &now), kept.version, &|index| format!("taught corner {}", index + 1))
+    Ok((kept, taught_recipe))
 }
 
 /// Returns the errors of the camera at teaching. If they were not known then, these are the errors of the same

@@ -267,7 +267,7 @@ fn alarm_id(name: &str) -> Option<AlarmId> {
 }
 
 fn who(caller: &Caller) -> Who {
-    Who { front: RequestSource::OpcUa, uid: None, user: caller.name().map(str::to_owned) }
+    Who { front: RequestSource::OpcUa, uid: None, user: caller.name().map(str::to_owned), from: None }
 }
 
 #[cfg(test)]

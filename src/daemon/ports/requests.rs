@@ -55,6 +55,7 @@ impl LoopEvent {
 
 /// What is answered.
 #[derive(Debug)]
+#[expect(clippy::large_enum_variant, reason = "one answer exists at a time, and it is moved only once")]
 pub enum RequestAnswer {
     /// Answer to `Next`: a request, or none. An error reports that a thread of the program failed: the loop stops the
     /// robot and ends.

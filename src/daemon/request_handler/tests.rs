@@ -15,7 +15,7 @@ fn handler() -> (RequestSender, RequestHandler) {
 fn parts(pages: Sender<EndedCycle>) -> ServiceParts {
     let recording = RecordingSwitch::new("store".as_ref(), true);
     let (supervisor, written) = (Supervisor::default(), LastWrittenPage::default());
-    ServiceParts { recording, supervisor, pages, written, cameras: None }
+    ServiceParts { recording, supervisor, pages, written, cameras: None, view: LiveView::default() }
 }
 
 fn at(at: At) -> State {
@@ -37,7 +37,7 @@ fn asked(handler: &mut RequestHandler, state: &State) -> Option<cycle::Request> 
 /// Sends a request as a client that waits for the reply.
 fn send(sender: &RequestSender, uid: u32, what: RequestKind) -> oneshot::Receiver<Reply> {
     let (reply, answer) = oneshot::channel();
-    let who = Who { front: RequestSource::Socket, uid: Some(uid), user: None };
+    let who = Who { front: RequestSource::Socket, uid: Some(uid), user: None, from: None };
     sender.send(Request { what, who, reply: Some(reply) }).expect("a place");
     answer
 }
@@ -222,4 +222,60 @@ fn the_state_tells_how_far_the_work_is() {
     assert_eq!(page(&handler).as_deref(), Some("/store/reports/cycle-000003.html"));
     handler.cycle = Some(CycleId(4));
     assert_eq!(page(&handler), None, "it is another cycle's");
+}
+
+/// What is possible is what the buttons offer: drying is offered exactly if the table accepts it.
+#[test]
+fn drying_is_offered_where_it_is_accepted() {
+    let (_sender, handler) = handler();
+    let held = |why, resume| handler.extras(&at(At::Held(Hold { why, resume }))).possible;
+    for (why, resume, is_offered) in [
+        (Why::Review, Phase::Plan, true),
+        (Why::Drying, Phase::Locate, true),
+        (Why::Review, Phase::Assess { left: false }, false),
+    ] {
+        let possible = held(why, resume);
+        assert_eq!(possible.contains(&"unhold --dried"), is_offered, "{why:?} {possible:?}");
+        assert!(!possible.contains(&"unhold"), "{why:?} {possible:?}");
+    }
+}
+
+/// The reason of a hold belongs to this hold and its author; a refused second hold does not change it.
+#[test]
+fn a_hold_names_its_author_and_reason_while_it_lasts() {
+    let (sender, mut handler) = handler();
+    let busy = at(At::Execute(Phase::Wet));
+    let held = at(At::Held(Hold { why: Why::Asked, resume: Phase::Wet }));
+    let told = |handler: &RequestHandler, state: &State| -> Vec<String> {
+        let reasons = handler.reasons(state).into_iter().filter(|reason| reason.code == "held_by");
+        reasons.map(|reason| reason.message).collect()
+    };
+    let ask = |handler: &mut RequestHandler, state: &State, user: &str, what| {
+        let who = Who { user: Some(user.to_owned()), ..Who::by(RequestSource::Page) };
+        sender.send(Request::new(what, who)).expect("a place");
+        assert!(next(handler, state).is_some());
+    };
+    ask(&mut handler, &busy, "anna", RequestKind::Hold { why: "a hair".to_owned() });
+    assert_eq!(told(&handler, &held), ["anna: a hair"]);
+    ask(&mut handler, &held, "ben", RequestKind::Table(cycle::Request::Hold));
+    assert_eq!(told(&handler, &held), ["anna: a hair"]);
+    assert!(told(&handler, &busy).is_empty());
+    assert!(told(&handler, &at(At::Held(Hold { why: Why::Review, resume: Phase::Plan }))).is_empty());
+    ask(&mut handler, &busy, "ben", RequestKind::Table(cycle::Request::Hold));
+    assert_eq!(told(&handler, &held), ["ben"]);
+}
+
+/// A picture of the former part is not shown once a cycle has begun.
+#[test]
+fn a_cycle_begins_without_a_picture() {
+    let (_sender, mut handler) = handler();
+    let view = handler.parts.view.clone();
+    view.newest();
+    view.offer(|| {
+        let picture = Arc::new(crate::geometry::ColorPicture::filled(1, 1, [7; 3]));
+        Some(crate::daemon::live_view::LiveFrame { name: "film".to_owned(), picture, film: None })
+    });
+    assert!(view.newest().1.is_some());
+    handler.on_news(LoopEvent::Begun(CycleId(3), Begin::Boot));
+    assert!(view.newest().1.is_none());
 }

@@ -63,9 +63,10 @@ fn needed(what: &RequestKind) -> Option<Permission> {
         RequestKind::Decided { .. } | RequestKind::Outdated { .. } => Some(Permission::Operate),
         RequestKind::Start(_)
         | RequestKind::Begin(_)
-        | RequestKind::Unprepared { .. }
+        | RequestKind::Refused { .. }
         | RequestKind::NewDisc
         | RequestKind::Shoot(_)
+        | RequestKind::Hold { .. }
         | RequestKind::Leave
         | RequestKind::Table(
             Request::Start { .. }
@@ -91,7 +92,7 @@ mod tests {
     }
 
     fn who(uid: u32) -> Who {
-        Who { front: RequestSource::Socket, uid: Some(uid), user: None }
+        Who { front: RequestSource::Socket, uid: Some(uid), user: None, from: None }
     }
 
     /// Every role with every request of the protocol: a viewer reads, stops and aborts, an inspector also accepts,
@@ -129,7 +130,7 @@ mod tests {
         for uid in [0, SERVICE] {
             assert!(all().all(|what| refusal(Some(Role::Viewer), &who(uid), &what).is_none()), "{uid}");
         }
-        let nobody = Who { front: RequestSource::Socket, uid: None, user: None };
+        let nobody = Who { front: RequestSource::Socket, uid: None, user: None, from: None };
         assert!(
             refusal(Some(Role::Viewer), &nobody, &RequestKind::NewDisc).is_some(),
             "an unknown user is not root"
@@ -139,7 +140,7 @@ mod tests {
             told.code == "not_permitted" && told.message.contains("allowed for: operator, engineer"),
             "{told:?}"
         );
-        assert_eq!(Role::VARIANTS.len(), 5);
+        assert_eq!(Role::VARIANTS.len(), 6);
     }
 
     /// An operator, or a person with a role that permits less, can only start recipes of the folder.

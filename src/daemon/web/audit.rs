@@ -5,9 +5,11 @@ use super::guard::By;
 use super::layout::{Frame, local};
 use super::reading::{Answer, reading};
 use super::state::Web;
-use crate::accounts::Role;
+use crate::accounts::{AuditEntry, Role};
+use crate::daemon::operator_texts::command;
 use crate::history::Table;
-use crate::store::NumberedEntry;
+use crate::record::{Answer as Outcome, RequestSource, RequestedAction, Who};
+use crate::store::{NumberedEntry, NumberedRequest, Store, StoreError};
 use axum::Extension;
 use axum::extract::{Query, State};
 use maud::html;
@@ -20,19 +22,80 @@ const FILE: usize = 100_000;
 
 #[derive(Debug, Deserialize)]
 pub(super) struct Before {
+    /// Only lines before this time, ms since 1970.
     before: Option<i64>,
 }
 
-/// Shows the newest lines, or the lines before a number.
+/// A line of the trail: of the store's audit trail, or a request to the cell through any front.
+struct Line {
+    /// The number in its table of the store; a request has an R before it.
+    number: String,
+    entry: AuditEntry,
+}
+
+/// Returns the newest lines of both tables, the newest first.
+fn lines(store: &Store, before: Option<i64>, most: usize) -> Result<Vec<Line>, StoreError> {
+    let of_people = store.audit(before, most)?.into_iter();
+    let of_people = of_people.map(|NumberedEntry { number, entry }| Line { number: number.to_string(), entry });
+    let mut lines: Vec<Line> = of_people.chain(store.requests(before, most)?.into_iter().map(of_request)).collect();
+    lines.sort_by_key(|line| std::cmp::Reverse(line.entry.unix_ms));
+    lines.truncate(most);
+    Ok(lines)
+}
+
+/// Returns a request to the cell as a line: what was requested, in which cycle, by whom, and its outcome.
+fn of_request(NumberedRequest { number, cycle, request }: NumberedRequest) -> Line {
+    let (what, of) = match &request.wanted {
+        RequestedAction::For(asked) => (command(*asked), None),
+        RequestedAction::NewDisc => ("new-disc", None),
+        RequestedAction::Start { recipe } => ("start", Some(recipe.clone())),
+    };
+    let reasons: Vec<String> = request.reasons.iter().map(|reason| reason.message.clone()).collect();
+    let reasons = Some(reasons.join("; ")).filter(|reasons| !reasons.is_empty());
+    let in_cycle = cycle.map(|cycle| format!("cycle {cycle}"));
+    let (remark, refused) = match request.answer {
+        Some(Outcome::Done) => (reasons, None),
+        Some(Outcome::Refused | Outcome::Failed) => (None, Some(reasons.unwrap_or_default())),
+        None => (Some("its result was not recorded".to_owned()), None),
+    };
+    let (who, from) = match request.who {
+        Some(Who { user: Some(user), front, from, .. }) => (Some(user), (front, from)),
+        Some(Who { uid: Some(uid), front, from, .. }) => (Some(format!("user {uid}")), (front, from)),
+        Some(Who { front, from, .. }) => (None, (front, from)),
+        None => (None, (RequestSource::Program, None)),
+    };
+    let subject: Vec<String> = in_cycle.into_iter().chain(of).chain(remark).collect();
+    let from = [Some(front_word(from.0).to_owned()), from.1].into_iter().flatten().collect::<Vec<_>>().join(", ");
+    let subject = Some(subject.join(": ")).filter(|subject| !subject.is_empty());
+    let entry =
+        AuditEntry { unix_ms: request.unix_ms, subject, refused, ..AuditEntry::done(who, None, from, what) };
+    Line { number: format!("R{number}"), entry }
+}
+
+fn front_word(front: RequestSource) -> &'static str {
+    match front {
+        RequestSource::Socket => "socket",
+        RequestSource::Page => "page",
+        RequestSource::OpcUa => "OPC UA",
+        RequestSource::Command => "command",
+        RequestSource::Sparkplug => "MQTT Sparkplug",
+        RequestSource::Line => "line",
+        RequestSource::Signal => "signal",
+        RequestSource::Program => "program",
+    }
+}
+
+/// Shows the newest lines, or the lines before a time.
 pub(super) async fn page(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
     Query(Before { before }): Query<Before>,
 ) -> Answer {
-    let lines = reading(&web, &visitor, move |store| store.audit(before, PAGE)).await?;
+    let lines = reading(&web, &visitor, move |store| lines(store, before, PAGE)).await?;
     let words = visitor.language();
     let word = |key| words.word(key);
-    let older = lines.last().filter(|_| lines.len() == PAGE).map(|line| line.number);
+    // Lines of the same millisecond are shown again rather than left out.
+    let older = lines.last().filter(|_| lines.len() == PAGE).map(|line| line.entry.unix_ms + 1);
     let body = html! {
         section.card {
             h2 { (word("audit.title")) }
@@ -44,7 +107,7 @@ pub(super) async fn page(
                             th { (word(key)) }
                         }
                     } }
-                    tbody { @for NumberedEntry { number, entry } in &lines {
+                    tbody { @for Line { number, entry } in &lines {
                         tr.refused[entry.refused.is_some()] {
                             td { (number) }
                             td { (local(entry.unix_ms)) }
@@ -56,7 +119,7 @@ pub(super) async fn page(
                     } }
                 }
             }
-            @if let Some(number) = older { p { a.button href={ "/audit?before=" (number) } { (word("older")) } } }
+            @if let Some(before) = older { p { a.button href={ "/audit?before=" (before) } { (word("older")) } } }
         }
     };
     let frame = Frame { visitor: &visitor, title: word("audit.title"), here: "/audit", scripts: &[] };
@@ -65,15 +128,15 @@ pub(super) async fn page(
 
 /// Returns the whole trail as a file.
 pub(super) async fn csv(State(web): State<Arc<Web>>, Extension(visitor): By) -> Answer {
-    let lines = reading(&web, &visitor, |store| store.audit(None, FILE)).await?;
+    let lines = reading(&web, &visitor, |store| lines(store, None, FILE)).await?;
     Ok(downloads::csv(&visitor, "audit", &table(&lines)))
 }
 
-fn table(lines: &[NumberedEntry]) -> Table {
+fn table(lines: &[Line]) -> Table {
     let columns = ["number", "unix_ms", "who", "role", "from", "what", "subject", "before", "after", "refused"];
-    Table::new(&columns).with(lines.iter().map(|NumberedEntry { number, entry }| {
+    Table::new(&columns).with(lines.iter().map(|Line { number, entry }| {
         vec![
-            (*number).into(),
+            number.clone().into(),
             entry.unix_ms.into(),
             entry.who.clone().into(),
             entry.role.map(Role::word).into(),
@@ -90,7 +153,9 @@ fn table(lines: &[NumberedEntry]) -> Table {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::accounts::AuditEntry;
+    use crate::cycle::Request;
+    use crate::record::RequestRecord;
+    use crate::verdict::Reason;
 
     #[test]
     fn a_line_is_a_row_and_no_formula() {
@@ -105,8 +170,58 @@ mod tests {
             after: Some("a,\"b\"".to_owned()),
             refused: None,
         };
-        let csv = table(&[NumberedEntry { number: 3, entry }]).csv().expect("written");
+        let csv = table(&[Line { number: "3".to_owned(), entry }]).csv().expect("written");
         let row = csv.lines().nth(1).map(str::to_owned);
         assert_eq!(row.as_deref(), Some("3,7,anna,operator,10.0.0.1,log in,'=cmd(),,\"a,\"\"b\"\"\","));
+    }
+    #[test]
+    fn a_request_to_the_cell_is_a_line_with_its_author_address_and_outcome() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut store = Store::create(&folder.path().join("store")).expect("a store");
+        let who = |front, user: Option<&str>| Who {
+            user: user.map(str::to_owned),
+            from: Some("10.0.0.7".to_owned()),
+            ..Who::by(front)
+        };
+        let request = |wanted, who, answer, reasons: &[&str]| RequestRecord {
+            unix_ms: 0,
+            wanted,
+            who: Some(who),
+            answer: Some(answer),
+            reasons: reasons.iter().map(|words| Reason::new("held_by", *words)).collect(),
+            findings: None,
+        };
+        let page = |user| who(RequestSource::Page, user);
+        for kept in [
+            request(RequestedAction::For(Request::Abort), page(None), Outcome::Done, &[]),
+            request(RequestedAction::For(Request::Hold), page(Some("anna")), Outcome::Done, &["a hair"]),
+            request(
+                RequestedAction::For(Request::Reset),
+                who(RequestSource::OpcUa, Some("plc")),
+                Outcome::Refused,
+                &["not now"],
+            ),
+        ] {
+            store.keep_request(&kept, None, None).expect("kept");
+        }
+        store.keep_audit(&AuditEntry::done(None, None, "terminal".to_owned(), "log out")).expect("kept");
+        let told = lines(&store, None, 10).expect("read");
+        let told: Vec<_> = told
+            .iter()
+            .map(|Line { entry: line, .. }| {
+                (&*line.what, line.who.as_deref(), &*line.from, line.subject.as_deref(), line.refused.as_deref())
+            })
+            .collect();
+        for line in [
+            ("abort", None, "page, 10.0.0.7", None, None),
+            ("hold", Some("anna"), "page, 10.0.0.7", Some("a hair"), None),
+            ("reset", Some("plc"), "OPC UA, 10.0.0.7", None, Some("not now")),
+            ("log out", None, "terminal", None, None),
+        ] {
+            assert!(told.contains(&line), "{line:?}: {told:?}");
+        }
+        let newest = lines(&store, None, 2).expect("read");
+        assert_eq!(newest.len(), 2);
+        assert!(lines(&store, Some(0), 10).expect("read").is_empty(), "nothing before 1970");
     }
 }

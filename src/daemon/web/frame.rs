@@ -25,10 +25,12 @@ impl Frames {
         self.view.scene().clone()
     }
 
-    /// Returns the number of the newest picture and its name.
+    /// Returns the number of the newest picture and its name; 0 if there is none.
     pub fn newest(&self) -> (u64, Option<String>) {
-        let (number, frame) = self.view.newest();
-        (number, frame.map(|frame| frame.name.clone()))
+        match self.view.newest() {
+            (number, Some(frame)) => (number, Some(frame.name.clone())),
+            (_, None) => (0, None),
+        }
     }
 
     /// Returns the newest picture; `None` if there is none. Encoding takes a few hundredths of a second, once for each
@@ -36,12 +38,13 @@ impl Frames {
     pub fn jpeg(&self) -> Option<Arc<Vec<u8>>> {
         let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
         let (number, frame) = self.view.newest();
+        let frame = frame?;
         if let Some((kept, jpeg)) = last.as_ref()
             && *kept == number
         {
             return Some(jpeg.clone());
         }
-        let jpeg = Arc::new(encoded(&*frame?)?);
+        let jpeg = Arc::new(encoded(&frame)?);
         *last = Some((number, jpeg.clone()));
         Some(jpeg)
     }

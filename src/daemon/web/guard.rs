@@ -2,6 +2,7 @@
 //! permits it.
 
 use super::access::{Access, Method, Route};
+use super::layout;
 use super::sessions::Session;
 use super::state::{Web, blocking, entry};
 use super::visitor::{Person, Visitor, role_key};
@@ -54,7 +55,7 @@ pub(super) async fn pass(
         && !web.stamps.count(&web.front.people, person).await
     {
         web.sessions().end(&person.token);
-        visitor.person = None;
+        (visitor.person, visitor.has_ended) = (None, true);
     }
     if is_change && let Some(refused) = foreign(headers, &visitor, access) {
         return refused;
@@ -85,6 +86,7 @@ fn visitor(web: &Web, headers: &HeaderMap, from: SocketAddr, is_action: bool) ->
     });
     Visitor {
         from: from.ip().to_canonical().to_string(),
+        has_ended: token.is_some() && person.is_none(),
         person,
         chosen: cookie(headers, "language").map(str::to_owned),
         accepted: text(header::ACCEPT_LANGUAGE),
@@ -145,6 +147,12 @@ pub(super) async fn not_found() -> Response {
     refusal(StatusCode::NOT_FOUND, "not_found", "there is no such page")
 }
 
+/// Returns whether a person goes to a page with this request, who needs Stop and the navigation also beside an error.
+fn looks_at_a_page(request: &Request) -> bool {
+    let accepted = request.headers().get(header::ACCEPT).and_then(|value| value.to_str().ok());
+    request.method() == axum::http::Method::GET && accepted.is_some_and(|accepted| accepted.contains("text/html"))
+}
+
 /// Sets the headers of every response. Without TLS, only requests to this computer's own name are answered.
 pub(super) async fn headers(State(web): State<Arc<Web>>, request: Request<Body>, next: Next) -> Response {
     if let Some(hosts) = &web.hosts {
@@ -154,7 +162,17 @@ pub(super) async fn headers(State(web): State<Arc<Web>>, request: Request<Body>,
         }
     }
     let is_asset = request.uri().path().starts_with("/assets/");
+    let viewer = looks_at_a_page(&request).then(|| request.extensions().get::<ConnectInfo<SocketAddr>>().copied());
+    let viewer = viewer.flatten().map(|from| visitor(&web, request.headers(), from.0, false));
     let mut response = next.run(request).await;
+    let error = match response.status() {
+        StatusCode::NOT_FOUND => Some("refused.not_found"),
+        StatusCode::FORBIDDEN => Some("refused.role"),
+        _ => None,
+    };
+    if let (Some(viewer), Some(error)) = (viewer, error) {
+        response = layout::without_page(&viewer, response.status(), error);
+    }
     let headers = response.headers_mut();
     let kept = if is_asset { "max-age=31536000, immutable" } else { "no-store" };
     for (name, value) in [

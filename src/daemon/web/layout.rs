@@ -58,6 +58,7 @@ impl Frame<'_> {
         let words = self.visitor.language();
         let word = |key| words.word(key);
         let csrf = self.visitor.person.as_ref().map_or("", |person| &person.csrf);
+        let person = self.visitor.person.as_ref().map_or("", |person| &person.name);
         let mut script_words = words.all("js.");
         script_words.extend(words.all("action."));
         let script_words = serde_json::to_string(&script_words).unwrap_or_default();
@@ -68,6 +69,7 @@ impl Frame<'_> {
                     meta charset="utf-8";
                     meta name="viewport" content="width=device-width,initial-scale=1";
                     meta name="csrf" content=(csrf);
+                    meta name="person" content=(person);
                     meta name="words" content=(script_words);
                     title { (self.title) " – Panelprep" }
                     link rel="icon" href=(assets::address("icon.svg"));
@@ -79,7 +81,10 @@ impl Frame<'_> {
                 body {
                     a.skip href="#main" { (word("skip")) }
                     (self.header())
-                    p #stale role="alert" hidden {}
+                    @if self.visitor.has_ended && self.here != "/login" {
+                        p.banner role="alert" { (word("js.log_in")) " " a href={ "/login?next=" (self.here) } { (word("login.do")) } }
+                    }
+                    p.banner #stale role="alert" hidden {}
                     main #main { h1.hidden { (self.title) } (body) }
                 }
             }
@@ -104,7 +109,7 @@ impl Frame<'_> {
                     }
                     @match &self.visitor.person {
                         Some(person) => {
-                            span { (person.printed_name) " · " (word(role_key(person.role))) }
+                            a href="/password" title=(word("login.own")) { (person.printed_name) " · " (word(role_key(person.role))) }
                             button.plain #logout type="button" { (word("login.out")) }
                         }
                         None => a href={ "/login?next=" (self.here) } { (word("login.do")) },
@@ -114,6 +119,7 @@ impl Frame<'_> {
                     button.stop #stop type="button" { (word("action.stop")) }
                     button.abort #abort type="button" { (word("action.abort")) }
                     small { (word("action.no_emergency_stop")) }
+                    p.told #stop-told role="alert" {}
                 }
             }
         }
@@ -133,4 +139,11 @@ pub(super) fn failed(visitor: &Visitor, error: &dyn std::fmt::Display) -> Respon
     let title = words.word("failed");
     let page = Frame { visitor, title, here: "", scripts: &[] }.page(&body);
     (StatusCode::INTERNAL_SERVER_ERROR, page).into_response()
+}
+
+/// Returns the page in place of one that does not exist, or that the visitor's role may not see.
+pub(super) fn without_page(visitor: &Visitor, status: StatusCode, error: &str) -> Response {
+    let message = visitor.language().word(error);
+    let body = html! { section.card { h2 { (message) } } };
+    (status, Frame { visitor, title: message, here: "", scripts: &[] }.page(&body)).into_response()
 }

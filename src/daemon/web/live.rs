@@ -1,15 +1,18 @@
 //! The state of the cell for all viewers: requested once, sent to all.
 
 use super::frame::Frames;
+use super::guard::By;
 use super::live_state::Live;
 use super::places::owner;
 use super::state::Web;
 use crate::daemon::gateway::Gateway;
 use crate::daemon::request::RequestKind;
 use crate::record::{RequestSource, Who};
+use axum::Extension;
 use axum::extract::{ConnectInfo, State};
 use axum::response::sse::{Event, KeepAlive, Sse};
 use futures_util::stream::{self, Stream};
+use serde::Serialize;
 use std::convert::Infallible;
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -44,25 +47,39 @@ pub(super) async fn follow(gateway: Gateway, frames: Arc<Frames>, tell: watch::S
     }
 }
 
+/// An event of a page.
+#[derive(Serialize)]
+struct Seen<'l> {
+    #[serde(flatten)]
+    live: &'l Live,
+    /// The account whose session the page has; `None` after its end. A page that was made for another one shows
+    /// nothing more.
+    by: Option<String>,
+}
+
 /// The events of a page: the state of the cell, now and at each change. A browser that does not read occupies only its
 /// connection: it receives the newest state when it reads again. If there are too many viewers, the one that has
 /// watched for longest gives way; a browser reconnects automatically.
 pub(super) async fn events(
     State(web): State<Arc<Web>>,
+    Extension(visitor): By,
     ConnectInfo(from): ConnectInfo<SocketAddr>,
 ) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
     let place = web.lookers.acquire(owner(from.ip()));
     let mut live = web.live.clone();
     live.mark_changed();
-    let stream = stream::unfold((live, place), |(mut live, mut place)| async move {
+    let token = visitor.person.map(|person| person.token);
+    let stream = stream::unfold((live, place, web, token), |(mut live, mut place, web, token)| async move {
         tokio::select! {
             biased;
             () = place.is_wanted() => return None,
             changed = live.changed() => changed.ok()?,
         }
         let now = live.borrow_and_update().clone();
-        let event = Event::default().json_data(&*now).unwrap_or_default();
-        Some((Ok(event), (live, place)))
+        let session = token.as_deref().and_then(|token| web.sessions().find(token, web.now_s(), false));
+        let seen = Seen { live: &now, by: session.map(|session| session.name) };
+        let event = Event::default().json_data(seen).unwrap_or_default();
+        Some((Ok(event), (live, place, web, token)))
     });
     Sse::new(stream).keep_alive(KeepAlive::new().interval(Duration::from_secs(15)))
 }

@@ -1,9 +1,10 @@
 //! The state of the cell, as a page shows it.
 
 use crate::daemon::clock::now_unix_ms;
-use crate::daemon::reply::Reply;
+use crate::daemon::reply::{Extras, Reply};
 use crate::verdict::{Reason, Verdict};
 use serde::Serialize;
+use std::sync::Arc;
 
 /// The state of the cell.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
@@ -35,7 +36,14 @@ pub(super) struct Live {
 }
 
 impl Live {
+    /// Returns the state that this reply reports, with the newest picture's number and name. A cell that was reset
+    /// has no cycle until the next one begins: what the last cycle left behind belongs to another part.
     pub fn from_reply(reply: Reply, (frame, frame_name): (u64, Option<String>)) -> Self {
+        let is_reset = matches!(reply.state.as_deref(), Some("resetting" | "idle"));
+        let (reply, (frame, frame_name)) = match is_reset {
+            true => (without_cycle(reply), (0, None)),
+            false => (reply, (frame, frame_name)),
+        };
         Live {
             answered_ms: now_unix_ms().unsigned_abs(),
             answers: reply.state.is_some(),
@@ -62,5 +70,45 @@ impl Live {
     /// Returns whether nothing changed except the time.
     pub fn says_the_same(&self, other: &Live) -> bool {
         Live { answered_ms: 0, ..self.clone() } == Live { answered_ms: 0, ..other.clone() }
+    }
+}
+
+fn without_cycle(reply: Reply) -> Reply {
+    let extras = Extras { grids: Arc::default(), film_total_s: None, ..reply.extras };
+    Reply { panel: None, pass: None, cycle_id: None, verdict: None, extras, ..reply }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::daemon::reply::Exit;
+    use crate::panel::GridId;
+
+    /// After a reset, nothing of the last part is shown as the present one.
+    #[test]
+    fn a_cell_that_was_reset_shows_nothing_of_the_last_part() {
+        let grid: GridId = "r1c1".parse().expect("a grid");
+        let reply = |state: &str| Reply {
+            state: Some(state.to_owned()),
+            panel: Some("wing".to_owned()),
+            pass: Some(1),
+            cycle_id: Some(7),
+            verdict: Some(Verdict::Pass),
+            extras: Extras { grids: Arc::from([grid]), ..Extras::default() },
+            ..Reply::refused(Exit::Done, vec![])
+        };
+        let picture = || (9, Some("film".to_owned()));
+        let complete = Live::from_reply(reply("complete"), picture());
+        assert_eq!((complete.cycle, complete.frame, complete.grids.len()), (Some(7), 9, 1));
+        for state in ["resetting", "idle"] {
+            let live = Live::from_reply(reply(state), picture());
+            let expected = Live {
+                state: Some(state.to_owned()),
+                answers: true,
+                answered_ms: live.answered_ms,
+                ..Live::default()
+            };
+            assert_eq!(live, expected);
+        }
     }
 }

@@ -6,8 +6,9 @@ use super::reading::ended;
 use super::sessions::Holder;
 use super::state::{Web, blocking, entry, hashing, pauses};
 use super::visitor::Visitor;
-use crate::accounts::{self, Account, AuditEntry};
+use crate::accounts::{self, Account, AuditEntry, Role};
 use crate::daemon::people::{LogIn, stamp};
+use crate::files::content_hash;
 use crate::random;
 use axum::extract::{Path, Query, State};
 use axum::http::{StatusCode, header};
@@ -89,15 +90,43 @@ fn begin(web: &Web, visitor: &Visitor, account: Account) -> Response {
     let (Ok(token), Ok(csrf)) = (random::token(), random::token()) else {
         return refusal(StatusCode::SERVICE_UNAVAILABLE, "random", "this computer has no random numbers yet");
     };
+    let (token, lasts) = match account.role {
+        Role::Display => (display_token(&account), "; Max-Age=31536000"),
+        _ => (token, ""),
+    };
     if let Some(person) = &visitor.person {
         web.sessions().end(&person.token);
     }
+    web.sessions().begin((&token, csrf), holder(account), web.now_s());
+    let cookie = set_cookie(web, &token, lasts);
+    ([(header::SET_COOKIE, cookie)], Json(json!({ "message": "" }))).into_response()
+}
+
+fn holder(account: Account) -> Holder {
     let stamp = stamp(&account);
     let Account { name, printed_name, role, .. } = account;
-    let who = Holder { name, printed_name, role, stamp };
-    web.sessions().begin((&token, csrf), who, web.now_s());
-    let cookie = set_cookie(web, &token, "");
-    ([(header::SET_COOKIE, cookie)], Json(json!({ "message": "" }))).into_response()
+    Holder { name, printed_name, role, stamp }
+}
+
+/// Returns the token of a wall display's session. It follows from the password's hash, which only the store has, so
+/// that the service can begin the same session again when it starts; another password gives another token.
+fn display_token(account: &Account) -> String {
+    content_hash(format!("session of a display\n{}\n{}", account.name, account.password_hash).as_bytes())
+}
+
+/// Begins the sessions of all wall displays, as the service starts: no person logs in there. It runs on the calling
+/// thread.
+pub(super) fn begin_displays(web: &Web) {
+    let accounts = match web.read(|store| store.accounts()) {
+        Ok(accounts) => accounts,
+        Err(error) => return tracing::warn!("wall displays have to log in: {error}"),
+    };
+    let displays = accounts.into_values().filter(|account| account.role == Role::Display && account.is_enabled);
+    for account in displays {
+        let Ok(csrf) = random::token() else { return };
+        let token = display_token(&account);
+        web.sessions().begin((&token, csrf), holder(account), web.now_s());
+    }
 }
 
 pub(super) async fn log_out(State(web): State<Arc<Web>>, Extension(visitor): By) -> Response {
@@ -119,6 +148,24 @@ fn set_cookie(web: &Web, token: &str, more: &str) -> String {
 pub(super) struct NewPassword {
     password: String,
     new: String,
+}
+
+/// The form with which a person changes the own password, so that no other person knows it.
+pub(super) async fn own(Extension(visitor): By) -> Response {
+    let words = visitor.language();
+    let word = |key| words.word(key);
+    let body = html! {
+        section.card.narrow {
+            h2 { (word("login.own")) }
+            form data-post="/password" data-then="/login" {
+                label { (word("login.old_password")) input name="password" type="password" autocomplete="current-password" required maxlength="200"; }
+                label { (word("login.new_password")) input name="new" type="password" autocomplete="new-password" required maxlength="200" minlength=(accounts::MIN_CHARACTERS); }
+                p.told role="status" {}
+                button.primary type="submit" { (word("save")) }
+            }
+        }
+    };
+    Frame { visitor: &visitor, title: word("login.own"), here: "/password", scripts: &[Script::Forms] }.page(&body)
 }
 
 /// Changes the person's own password; the old password is needed.

@@ -57,7 +57,10 @@ fn form(visitor: &Visitor, account: Option<&Account>) -> Markup {
         form data-post="/people" data-then="/people" {
             @match account {
                 Some(_) => input type="hidden" name="name" value=(name);,
-                None => label { (word("login.name")) input name="name" required maxlength="40" autocomplete="off"; },
+                None => {
+                    input type="hidden" name="is_new" value="true";
+                    label { (word("login.name")) input name="name" required maxlength="40" autocomplete="off"; }
+                },
             }
             label { (word("people.printed")) input name="printed_name" value=(printed) required maxlength=(MAX_PRINTED) autocomplete="off"; }
             label { (word("people.role"))
@@ -83,6 +86,9 @@ fn form(visitor: &Visitor, account: Option<&Account>) -> Markup {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Changed {
+    /// Whether the account is to be added: one that exists is not changed.
+    #[serde(default)]
+    is_new: bool,
     name: String,
     printed_name: String,
     role: Role,
@@ -98,7 +104,8 @@ pub(super) async fn save(
     Json(changed): Json<Changed>,
 ) -> Response {
     let (shared, line, name) = (web.clone(), entry(&visitor, "change account"), changed.name.clone());
-    match hashing(&web, move || kept(&shared, line, changed)).await {
+    let exists = visitor.language().word("people.exists").to_owned();
+    match hashing(&web, move || kept(&shared, line, changed, exists)).await {
         Some(Ok(())) => {
             // The person's permissions have changed: the old role must not remain in use.
             web.sessions().end_all_of(&name);
@@ -109,9 +116,13 @@ pub(super) async fn save(
     }
 }
 
-fn kept(web: &Web, line: AuditEntry, changed: Changed) -> Result<(), String> {
+fn kept(web: &Web, line: AuditEntry, changed: Changed, exists: String) -> Result<(), String> {
     let accounts = web.read(|store| store.accounts()).map_err(|error| error.to_string())?;
     let former = accounts.get(&changed.name);
+    if changed.is_new && former.is_some() {
+        // Signatures under this name would belong to another person.
+        return Err(exists);
+    }
     let account = account(&changed, former)?;
     if leaves_nobody(&accounts, &account) {
         return Err(
@@ -128,7 +139,7 @@ fn kept(web: &Web, line: AuditEntry, changed: Changed) -> Result<(), String> {
 }
 
 fn account(changed: &Changed, former: Option<&Account>) -> Result<Account, String> {
-    let Changed { name, printed_name, role, password, is_enabled } = changed;
+    let Changed { name, printed_name, role, password, is_enabled, .. } = changed;
     let salt = random::bytes().map_err(|error| format!("this computer has no random numbers: {error}"))?;
     let password = Some(password.as_str()).filter(|password| !password.is_empty());
     Account::checked((name, printed_name), (*role, *is_enabled), (password, salt), former)

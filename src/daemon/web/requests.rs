@@ -84,20 +84,18 @@ pub(super) struct Hold {
     why: String,
 }
 
-/// Holds the cycle; the reason that the person gives is kept in the audit trail once the hold is under way.
+/// Holds the cycle; the reason that the person gives belongs to this hold only.
 pub(super) async fn hold(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
     Json(Hold { why }): Json<Hold>,
 ) -> Response {
-    let reply = web.front.gateway.request(RequestKind::Table(cycle::Request::Hold), visitor.who()).await;
     let why: String = why.trim().chars().filter(|c| !c.is_control()).take(MAX_CHARACTERS).collect();
-    if reply.answer == Exit::Done && !why.is_empty() {
-        let subject = reply.cycle_id.map_or(why.clone(), |cycle| format!("cycle {cycle}: {why}"));
-        let line = AuditEntry { subject: Some(subject), ..entry(&visitor, "hold") };
-        blocking(move || web.audit(&line)).await;
-    }
-    to_response(&visitor, &reply)
+    let what = match why.is_empty() {
+        true => RequestKind::Table(cycle::Request::Hold),
+        false => RequestKind::Hold { why },
+    };
+    requested(&web, &visitor, what).await
 }
 
 #[derive(Debug, Deserialize)]
@@ -148,6 +146,9 @@ pub(super) async fn start(
     let text = match text {
         Some(Ok(text)) => text,
         Some(Err(problem)) => {
+            let line =
+                AuditEntry { subject: Some(recipe), refused: Some(problem.clone()), ..entry(&visitor, "start") };
+            blocking(move || web.audit_refusal(&line)).await;
             return (StatusCode::CONFLICT, Json(json!({ "code": "recipe", "message": problem }))).into_response();
         }
         None => return StatusCode::INTERNAL_SERVER_ERROR.into_response(),

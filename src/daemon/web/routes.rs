@@ -37,6 +37,7 @@ pub(super) static ROUTES: &[Route] = &[
     look("/login", Open, || get(login::page)),
     change("/login", Open, || post(login::log_in)),
     change("/logout", Open, || post(login::log_out)),
+    look("/password", Needs(View), || get(login::own)),
     change("/password", Needs(View), || post(login::change_password)),
     look("/language/{name}", Open, || get(login::language)),
     change("/request/stop", Open, || post(requests::stop)),

@@ -9,7 +9,7 @@ use super::state::{Web, blocking};
 use super::visitor::Visitor;
 use crate::accounts::Permission;
 use crate::daemon::setup_source::recipe_hashes;
-use crate::history::grid_states;
+use crate::history::{grid_states, passes, touched_grids};
 use crate::packml::RecipeHash;
 use crate::record::{CycleId, Finding};
 use crate::report::check_row;
@@ -72,7 +72,7 @@ pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) ->
         section.view.card {
             h2 { (word("run.view")) }
             @if visitor.may(Permission::View) {
-                figure { img #frame alt=(word("run.no_picture")) hidden; figcaption #frame-name { (word("run.no_picture")) } }
+                figure { img #frame alt=(word("js.picture.none")) hidden; figcaption #frame-name { (word("js.picture.none")) } }
                 (scene::shown(words, None))
             } @else { p { (word("run.log_in_to_see")) } }
         }
@@ -81,7 +81,7 @@ pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) ->
             @if visitor.may(Permission::View) {
                 div #grids {}
                 ul.key {
-                    @for (class, key) in [("untested", "grid.untested"), ("whole", "grid.whole"), ("broke", "grid.broke"), ("abraded", "grid.abraded")] {
+                    @for (class, key) in [("untested", "grid.untested"), ("whole", "grid.whole"), ("broke", "grid.broke"), ("abraded", "grid.abraded"), ("touched", "grid.touched")] {
                         li { span class={ "grid " (class) } aria-hidden="true" {} (word(key)) }
                     }
                 }
@@ -112,7 +112,7 @@ fn actions(visitor: &Visitor) -> Markup {
                 @for (name, key) in plain { button type="button" data-request=(name) disabled { (word(key)) } }
                 label.inline { (word("run.why")) input #why-held maxlength="200" autocomplete="off"; }
                 button type="button" data-request="unhold" data-body=r#"{"dried":false}"# disabled { (word("action.unhold")) }
-                button type="button" data-request="unhold" data-body=r#"{"dried":true}"# disabled { (word("action.unhold_dried")) }
+                button type="button" data-request="unhold" data-body=r#"{"dried":true}"# data-needs="unhold --dried" disabled { (word("action.unhold_dried")) }
             }
             @if visitor.may(Permission::Accept) { button type="button" data-request="accept" disabled { (word("action.accept")) } }
         }
@@ -148,15 +148,16 @@ pub(super) async fn frame(State(web): State<Arc<Web>>) -> Response {
     }
 }
 
-/// Returns the current cycle, or the last one, from its record so far: its part, and the state of each grid.
+/// Returns the shown cycle from its record so far: its part and panel, its abrasions, and the state of each grid.
 pub(super) async fn now(State(web): State<Arc<Web>>, Extension(visitor): By) -> Answer {
     let cycle = web.live.borrow().cycle;
-    let Some(id) = cycle.map(CycleId) else {
-        return Ok(Json(json!({ "part": null, "grids": {} })).into_response());
-    };
-    let read = move |store: &Store| Ok((store.part_of(id)?, grid_states(&store.cycle(id)?.findings)));
-    let (part, grids) = reading(&web, &visitor, read).await?;
-    Ok(Json(json!({ "part": part, "grids": grids })).into_response())
+    let Some(id) = cycle.map(CycleId) else { return Ok(Json(json!({ "cycle": null })).into_response()) };
+    let (part, record) =
+        reading(&web, &visitor, move |store: &Store| Ok((store.part_of(id)?, store.cycle(id)?))).await?;
+    let (mut grids, passes) = (grid_states(&record.findings), passes(&record));
+    grids.extend(touched_grids(&record).into_iter().map(|grid| (grid, "touched")));
+    let told = json!({ "cycle": id, "part": part, "panel": record.panel, "passes": passes, "grids": grids });
+    Ok(Json(told).into_response())
 }
 
 /// Shows the question for a person's decision: the numbers in question and the pictures, next to the buttons.

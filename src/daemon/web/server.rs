@@ -5,6 +5,7 @@ use super::error::{PageError, PageFileError};
 use super::frame::Frames;
 use super::live;
 use super::live_state::Live;
+use super::login;
 use super::page_texts::Words;
 use super::places::{CONNECTIONS, Places, owner};
 use super::routes;
@@ -113,6 +114,7 @@ impl OperatorPage {
         let parts =
             WebParts { front, live, frames: frames.clone(), words, records, is_tls, hosts, idle_min, sessions };
         let web = Arc::new(Web::new(parts));
+        login::begin_displays(&web);
         let router = routes::router(&web);
         let (end, ended) = oneshot::channel();
         let fingerprint = certificate.as_ref().and_then(|certificate| certificate.fingerprint.clone());

@@ -105,7 +105,9 @@ impl Sessions {
 
     fn forget(&mut self, now_s: f64) {
         let idle_s = self.idle_s;
-        self.open.retain(|_, session| now_s - session.seen_s < idle_s && now_s - session.began_s < MAX_SESSION_S);
+        let lasts = |session: &Session| now_s - session.seen_s < idle_s && now_s - session.began_s < MAX_SESSION_S;
+        // No person clicks on a screen on the wall.
+        self.open.retain(|_, session| session.role == Role::Display || lasts(session));
     }
 }
 
@@ -131,6 +133,15 @@ mod tests {
         }
         assert!((MAX_SESSION_S..MAX_SESSION_S + 59.0).contains(&(now_s - 100.0)), "{now_s}");
         assert_eq!(sessions.find("u", 0.0, true), None);
+    }
+
+    #[test]
+    fn a_display_on_the_wall_keeps_its_session_without_clicks() {
+        let mut sessions = Sessions::new(60.0, 2);
+        sessions.begin(("t", "c".to_owned()), Holder { role: Role::Display, ..anna() }, 0.0);
+        assert!(sessions.find("t", 30.0 * 24.0 * 3_600.0, false).is_some(), "30 days");
+        sessions.end_all_of("anna");
+        assert_eq!(sessions.find("t", 1.0, false), None);
     }
 
     #[test]

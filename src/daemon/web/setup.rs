@@ -72,10 +72,11 @@ pub(super) async fn recipe(
     let read = blocking(move || {
         let recipe = source.recipe(&asked)?;
         let problems = source.problems(&asked, &recipe.text);
+        let not_taught = source.not_taught(&asked, &recipe.text);
         let offer = source.offer(&asked)?;
-        Ok::<_, String>((recipe, problems, offer))
+        Ok::<_, String>((recipe, (problems, not_taught), offer))
     });
-    let (recipe, problems, offer) = match read.await {
+    let (recipe, (problems, not_taught), offer) = match read.await {
         Some(Ok(read)) => read,
         Some(Err(problem)) => return Err(refusal(StatusCode::NOT_FOUND, "recipe", &problem)),
         None => return Err(ended()),
@@ -89,6 +90,7 @@ pub(super) async fn recipe(
         section.card {
             h2 { (name) }
             (verdict(&problems, word("setup.right")))
+            @if let Some(why) = &not_taught { p.told.bad { (word("setup.not_taught")) " " (why) } }
             @if visitor.may(Permission::Configure) {
                 p.links { a href={ "/setup/recipe/" (name) "/draw" } { (word("setup.draw")) } }
             }
@@ -159,11 +161,15 @@ pub(super) async fn check(
     Json(Text { text, .. }): Json<Text>,
 ) -> Response {
     let source = web.front.setup.clone();
-    match blocking(move || source.problems("recipe.toml", &text)).await {
-        Some(problems) if problems.is_empty() => {
-            Json(json!({ "message": visitor.language().word("setup.right") })).into_response()
+    let name = "recipe.toml";
+    match blocking(move || (source.problems(name, &text), source.not_taught(name, &text))).await {
+        Some((problems, not_taught)) if problems.is_empty() => {
+            let words = visitor.language();
+            let missing = not_taught.map(|why| format!("\n{} {why}", words.word("setup.not_taught")));
+            let message = format!("{}{}", words.word("setup.right"), missing.unwrap_or_default());
+            Json(json!({ "message": message })).into_response()
         }
-        Some(problems) => refusal(StatusCode::UNPROCESSABLE_ENTITY, "recipe", &problems.join("\n")),
+        Some((problems, _)) => refusal(StatusCode::UNPROCESSABLE_ENTITY, "recipe", &problems.join("\n")),
         None => ended(),
     }
 }

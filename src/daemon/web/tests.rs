@@ -80,6 +80,10 @@ impl SetupSource for Source {
         if text.contains("wrong") { vec!["line 1: wrong".to_owned()] } else { vec![] }
     }
 
+    fn not_taught(&self, _: &str, text: &str) -> Option<String> {
+        text.contains("rows = 4").then(|| "taught with another [region]".to_owned())
+    }
+
     fn save(&self, name: &str, text: &str) -> Result<Option<String>, String> {
         self.recipe(name)?;
         if let Some(problem) = self.problems(name, text).pop() {

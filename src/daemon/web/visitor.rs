@@ -12,6 +12,8 @@ pub(super) struct Visitor {
     pub from: String,
     /// The person, if one is logged in.
     pub person: Option<Person>,
+    /// Whether the browser has the cookie of a session that is no longer valid.
+    pub has_ended: bool,
     /// The language that was chosen; the next field has the languages that the browser prefers.
     pub chosen: Option<String>,
     pub accepted: Option<String>,
@@ -38,7 +40,8 @@ impl Visitor {
 
     /// Returns the visitor in the form in which the service records the author of a request.
     pub fn who(&self) -> Who {
-        Who { front: RequestSource::Page, uid: None, user: self.person.as_ref().map(|person| person.name.clone()) }
+        let user = self.person.as_ref().map(|person| person.name.clone());
+        Who { front: RequestSource::Page, uid: None, user, from: Some(self.from.clone()) }
     }
 
     /// Returns whether the visitor's role has this permission; a visitor who is not logged in has none.
@@ -50,6 +53,7 @@ impl Visitor {
 /// Returns the key of a role's word.
 pub(super) fn role_key(role: Role) -> &'static str {
     match role {
+        Role::Display => "role.display",
         Role::Viewer => "role.viewer",
         Role::Operator => "role.operator",
         Role::Inspector => "role.inspector",

@@ -220,3 +220,35 @@ fn everything_is_a_table() {
     let trend = trend_table(&trend(&Quantity::named("passes"), &cycles)).csv().expect("written");
     assert!(trend.starts_with("cycle,at_utc,at_unix_s,serial,value,limit,hints\r\n1,"), "{trend}");
 }
+
+/// A panel that was taught again may have another region: the same name is another place.
+#[test]
+fn the_heat_map_counts_one_taught_panel_only() {
+    let mut cycles = [cycle(1, 0.05, &[("r1c1", 4.0)], &[]), cycle(2, 0.05, &[("r1c2", 4.0)], &[])];
+    assert_eq!(heat_map(&cycles).films, 2);
+    cycles[1].record.taught_version = "v2".to_owned();
+    let map = heat_map(&cycles);
+    let breaks: Vec<(&str, usize)> = map.grids.iter().map(|cell| (&*cell.grid, cell.breaks)).collect();
+    assert_eq!((map.films, breaks), (1, vec![("r1c1", 0), ("r1c2", 1), ("r2c1", 0), ("r2c2", 0)]));
+}
+
+/// By hand: the second pass was cut short after 4 reported of 16 permitted waypoints: r1c1 (2) was touched, r2c1 (10)
+/// may have been, r2c2 (30) was not. The film before it does not count.
+#[test]
+fn a_pass_that_was_cut_short_leaves_grids_that_may_be_sanded() {
+    use crate::cycle::{Id, Motion, Path};
+    use crate::record::{Contact, ContactPath, MotionRecord, Reached};
+    let mut record = cycle(1, 0.05, &[("r1c1", 4.0)], &[("r1c1", 5.0)]).record;
+    assert!(touched_grids(&record).is_empty() && passes(&record) == 1);
+    let reached = |(grid, first): (&str, u32)| Reached { grid: grid.to_owned(), first };
+    let grids = [("r1c1", 2), ("r2c1", 10), ("r2c2", 30)].map(reached).into();
+    let path = ContactPath { id: Id(9), pass: 2, grids, wears_mm2: 100.0 };
+    record.motions.push(MotionRecord {
+        motion: Motion { epoch: 3, path: Path::Contact, plan: 7, waypoints: 40 },
+        outcome: None,
+        done: 0,
+        contact: Some(Contact { path, told: 4, permitted: 16 }),
+    });
+    assert_eq!(touched_grids(&record).into_iter().collect::<Vec<_>>(), ["r1c1", "r2c1"]);
+    assert_eq!(passes(&record), 2);
+}

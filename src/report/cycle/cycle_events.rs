@@ -7,6 +7,10 @@ use crate::record::{Abraded, Answer, Bounds, CycleRecord, How, MotionRecord, Req
 use crate::report::page::{Row, Section};
 use std::collections::BTreeMap;
 
+/// What the list of grids does not count.
+const BESIDE: &str =
+    "The disc also overlaps the grids beside them, by up to 0.8 of its radius; those are not counted here.";
+
 /// Lists how often each grid was abraded, completely or in part, or may have been abraded.
 pub(super) fn abraded(record: &CycleRecord) -> Section {
     let all = crate::record::abraded(&record.findings, &record.motions);
@@ -26,12 +30,15 @@ pub(super) fn abraded(record: &CycleRecord) -> Section {
     let is_unsure = all.iter().any(|one| matches!(one.how, How::Touched | How::Perhaps));
     let mut text = match (passes.is_empty(), is_unsure) {
         (true, _) => "Nothing: the tool touched no grid.".to_owned(),
-        (false, false) => "Each grid with the passes that touched it.".to_owned(),
-        (false, true) => "Each grid with the passes that touched it, or may have touched it: the robot did not \
+        (false, false) => format!("Each grid that was planned to be sanded, with its passes. {BESIDE}"),
+        (false, true) => {
+            "Each grid with the passes that touched it, or may have touched it: the robot did not \
                           report how far it came. What it may have touched counts as abraded for \
                           max_passes_per_grid, in later cycles of this panel too. This ends with a cycle that ends \
-                          with pass or fail, or because nothing more is allowed."
-            .to_owned(),
+                          with pass or fail, or because nothing more is allowed. "
+                .to_owned()
+                + BESIDE
+        }
     };
     if worn_mm2 > 0.0 {
         text += &format!(" The disc counts as worn by the whole path that was cut short, {worn_mm2:.0} mm².");

@@ -46,6 +46,11 @@ pub fn cycle_page(record: &CycleRecord, pictures: &BTreeMap<String, Vec<u8>>) ->
     }
 }
 
+/// Returns what was abraded and what was requested in the cycle, also for the record as PDF.
+pub(super) fn event_sections(record: &CycleRecord) -> Vec<Section> {
+    std::iter::once(cycle_events::abraded(record)).chain(cycle_events::asked(record)).collect()
+}
+
 /// The clock by which the times of films and motions are measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Times {

@@ -11,7 +11,7 @@ fn finding(kind: Kind, pass: u8, numbers: Vec<Check>) -> Finding {
 }
 
 fn asked(wanted: RequestedAction, answer: Option<Answer>) -> RequestRecord {
-    let who = Who { front: RequestSource::Socket, uid: Some(1_000), user: Some("ada".to_owned()) };
+    let who = Who { uid: Some(1_000), user: Some("ada".to_owned()), ..Who::by(RequestSource::Socket) };
     let reasons = match answer {
         Some(Answer::Refused) => vec![Reason::new("not_now", "it is not held")],
         _ => vec![],

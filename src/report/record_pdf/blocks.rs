@@ -4,6 +4,8 @@ use super::grids::film_name;
 use super::numbers::row;
 use super::sources::{Equipment, Sources};
 use crate::record::{CycleRecord, Disposition, Finding, Kind, dispositions, name};
+use crate::report::cycle::event_sections;
+use crate::report::page::Section;
 use crate::verdict::Verdict;
 
 /// A table under a heading.
@@ -161,6 +163,21 @@ pub(super) fn line_to_sign(sources: &Sources<'_>) -> Option<Vec<String>> {
     let is_open = !sources.record.is_air_run() && !sources.signatures.iter().any(|one| one.decides);
     let line = "……………………………".to_owned();
     is_open.then(|| vec![line.clone(), line.clone(), "released / not released".to_owned(), line])
+}
+
+/// Lists what was abraded, and every request to the cell with its author and result: holds, a new disc, decisions. The
+/// sections are those of the cycle's page.
+pub(super) fn events(record: &CycleRecord) -> Vec<Block> {
+    let block = |section: Section| {
+        let text = vec![String::new(), section.text];
+        let rows = section.rows.into_iter().map(|row| vec![row.name, row.value]);
+        Block {
+            heading: section.heading,
+            columns: vec![("what", 0.22), ("words", 0.78)],
+            rows: std::iter::once(text).chain(rows).collect(),
+        }
+    };
+    event_sections(record).into_iter().map(block).collect()
 }
 
 /// Lists every reason in full, because the page has no space for long ones.

@@ -1,14 +1,15 @@
 //! The content of the page, in tables of text, from the stored data of a cycle.
 
 use super::blocks::{
-    Block, all_checks, attempts, deviations, equipment, line_to_sign, numbers, reasons, short, shortened,
+    Block, all_checks, attempts, deviations, equipment, events, line_to_sign, numbers, reasons, short, shortened,
     signatures,
 };
 use super::grids::{GridMap, failed_rows, map};
 use super::numbers::uncertainty;
 use super::sources::{EarlierCycle, Sources};
+use crate::inspect::picture_interval_s;
 use crate::number_text::{fixed, utc};
-use crate::recipe::Recipe;
+use crate::recipe::{self, Recipe};
 use crate::record::{Check, Clock, CycleRecord, Kind, name};
 use crate::verdict::Verdict;
 
@@ -93,6 +94,7 @@ impl Sheet {
         if let (Some(line), Some(block)) = (line_to_sign(sources), blocks.last_mut()) {
             block.rows.push(line);
         }
+        annex.extend(events(record));
         annex.extend(reasons(record));
         annex.extend(record.findings.iter().filter(|finding| !finding.checks.is_empty()).map(all_checks));
         Sheet {
@@ -165,7 +167,7 @@ fn facts(sources: &Sources<'_>) -> Vec<(String, String)> {
         ),
         fact("program", format!("panelprep {}", record.program_version)),
         fact("time", time(record)),
-        fact("acceptance", criterion(record)),
+        fact("acceptance", criterion(record, process)),
         fact("abrasion", passes.unwrap_or_else(|| "not known: the recipe is missing".to_owned())),
         fact("error at the tool, 95 %", budget(record)),
         fact("water", stated(name::WATER)),
@@ -197,8 +199,9 @@ fn time(record: &CycleRecord) -> String {
     format!("{began}, {took}{simulated}")
 }
 
-/// States the criterion by which a grid fails, as it was applied to the films.
-fn criterion(record: &CycleRecord) -> String {
+/// States the criterion by which a grid fails, as it was applied to the films. The time is the window as recipe or cell
+/// state it; the check's limit is one picture shorter, since a window begins and ends between two pictures.
+fn criterion(record: &CycleRecord, process: Option<&recipe::Process>) -> String {
     let films = record.findings.iter().filter(|finding| finding.kind == Kind::Inspect);
     let checks: Vec<&Check> = films.flat_map(|film| &film.checks).collect();
     let area = checks
@@ -206,7 +209,11 @@ fn criterion(record: &CycleRecord) -> String {
         .find(|check| name::grid_of_broken_film(&check.name).is_some())
         .and_then(|check| check.limit.bound());
     let watched = checks.iter().find(|check| check.name == name::WATCHED).and_then(|check| check.limit.bound());
-    match (area, watched) {
+    let window = |watched: f64| match process {
+        Some(process) => watched + picture_interval_s(process.frames_per_second()),
+        None => watched,
+    };
+    match (area, watched.map(window)) {
         (Some(mm2), Some(s)) => {
             format!("no grid with {} mm² of broken film or more within {} s", fixed(mm2, 1), fixed(s, 1))
         }

@@ -17,6 +17,15 @@ fn decimals(value: f64, unit: &str) -> usize {
     }
 }
 
+/// Returns the number of digits after the point that show a stated number as it is, at most 4.
+fn exact_decimals(value: f64) -> usize {
+    let shows = |digits: &usize| {
+        let scaled = value * 10_f64.powi(*digits as i32);
+        (scaled - scaled.round()).abs() < 1e-6
+    };
+    (0..4).find(shows).unwrap_or(4)
+}
+
 /// Formats a number with its unit.
 pub(super) fn rounded(value: f64, unit: &str) -> String {
     format!("{} {unit}", fixed(value, decimals(value, unit))).trim_end().to_owned()
@@ -42,8 +51,10 @@ pub(super) fn row(check: &Check, of: &str) -> Vec<String> {
         Limit::AtLeast(limit) => ("≥ ", Some(limit)),
         Limit::Below(limit) => ("< ", Some(limit)),
     };
-    // The value and the limit have the same format: a share of 1 beside a limit of 0.99 is 1.00.
-    let decimals = decimals(value, &check.unit).max(bound.map_or(0, |bound| decimals(bound, &check.unit)));
+    // The value and the limit have the same format: a share of 1 beside a limit of 0.99 is 1.00. A limit is a stated
+    // number and is never rounded.
+    let of_bound = |bound: f64| decimals(bound, &check.unit).max(exact_decimals(bound));
+    let decimals = decimals(value, &check.unit).max(bound.map_or(0, of_bound));
     let unit = |number: String| format!("{number} {}", check.unit).trim_end().to_owned();
     let shown = |value: f64| unit(fixed(value, decimals).to_string());
     let (mut found, mut allowed) = (shown(value), bound.map(shown).unwrap_or_default());

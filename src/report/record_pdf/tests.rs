@@ -46,7 +46,7 @@ fn film(pass: u8, verdict: Verdict, areas_mm2: [Option<f64>; 6]) -> Finding {
 }
 
 fn record(findings: Vec<Finding>) -> CycleRecord {
-    let who = Who { front: RequestSource::Socket, uid: Some(1_000), user: Some("ada".to_owned()) };
+    let who = Who { uid: Some(1_000), user: Some("ada".to_owned()), ..Who::by(RequestSource::Socket) };
     CycleRecord {
         id: CycleId(7),
         started_unix_s: 1_700_000_000,
@@ -264,4 +264,32 @@ fn the_pdf_is_of_the_standard_and_the_same_for_the_same_record() {
     assert_eq!(bytes, made());
     let broken = [Figure { caption: "film".to_owned(), jpeg: vec![1, 2, 3] }];
     assert!(pdf(&sheet, &broken, &attached, 0).is_err(), "no JPEG");
+}
+
+/// Limits are printed as recipe and program state them: 0.995 is not 0.99, and a window of 60 s at five pictures a
+/// second is not 59.8 s.
+#[test]
+fn criteria_are_printed_as_they_are_stated() {
+    let check = Check::new("coverage", "", 0.9981).at_least(0.995, SetBy::Program);
+    assert_eq!(super::numbers::row(&check, "")[1..3], ["0.998", "≥ 0.995"]);
+    let fps = recipe().process().frames_per_second();
+    let limit_s = 60.0 - 1.001 / fps;
+    let mut films = films();
+    for check in films.iter_mut().flat_map(|film| &mut film.checks).filter(|check| check.name == name::WATCHED) {
+        *check = Check::new(name::WATCHED, "s", 61.27).at_least(limit_s, SetBy::Program);
+    }
+    let sheet = sheet(&record(films), &[]);
+    let criterion = sheet.facts.iter().find(|(name, _)| name == "acceptance").map(|(_, value)| value.as_str());
+    assert_eq!(criterion, Some("no grid with 30.0 mm² of broken film or more within 60.0 s"));
+}
+
+/// The record that is signed says what was abraded and requested, as the page does.
+#[test]
+fn the_annex_has_the_requests_and_what_was_abraded() {
+    let mut record = record(films());
+    record.asked.push(RequestRecord { wanted: RequestedAction::NewDisc, ..record.asked[0].clone() });
+    let sheet = sheet(&record, &[]);
+    assert!(rows(&sheet, "What was abraded").iter().any(|row| row[0] == "r1c2" && row[1].starts_with("pass 1")));
+    let asked = rows(&sheet, "Requests in this cycle");
+    assert!(asked.iter().any(|row| row[1].starts_with("new-disc: done") && row[1].contains("ada")), "{asked:?}");
 }

@@ -6,7 +6,7 @@ use crate::record::{Answer, CycleId, RequestRecord, RequestSource, RequestedActi
 use crate::verdict::{Reason, Verdict};
 
 fn asked(wanted: RequestedAction, answer: Answer) -> RequestRecord {
-    let who = Who { front: RequestSource::Socket, uid: Some(1_000), user: Some("ada".to_owned()) };
+    let who = Who { front: RequestSource::Socket, uid: Some(1_000), user: Some("ada".to_owned()), from: None };
     let reasons = match answer {
         Answer::Done => vec![],
         _ => vec![Reason::new("not_now", "not in this state")],

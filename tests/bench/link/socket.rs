@@ -121,6 +121,7 @@ impl Served {
                 pages,
                 written: LastWrittenPage::default(),
                 cameras: None,
+                view: LiveView::default(),
             };
             let parts_of_computing = (Box::new(NoCameras) as _, Box::new(Vec::new) as _, keep);
             let computing =
@@ -211,6 +212,9 @@ impl SetupSource for Nothing {
     }
     fn problems(&self, _: &str, _: &str) -> Vec<String> {
         vec![]
+    }
+    fn not_taught(&self, _: &str, _: &str) -> Option<String> {
+        None
     }
     fn save(&self, _: &str, _: &str) -> Result<Option<String>, String> {
         Err("there is none".to_owned())

@@ -37,6 +37,10 @@ impl SetupSource for Source {
         Ok(None)
     }
 
+    fn not_taught(&self, _: &str, _: &str) -> Option<String> {
+        None
+    }
+
     fn problems(&self, _: &str, _: &str) -> Vec<String> {
         vec![]
     }

@@ -34,9 +34,11 @@ impl Recordable for RequestCommand {
                 // The start itself is recorded only if the state table refuses it; a start that is accepted begins a
                 // recording of its own.
                 RequestKind::Begin(prepared) => json!({ "for": prepared.request }),
+                // The reason changes nothing of what the cell does.
+                RequestKind::Hold { .. } => json!({ "for": cycle::Request::Hold }),
                 RequestKind::NewDisc => json!("new_disc"),
                 RequestKind::Leave => json!("leave"),
-                RequestKind::Unprepared { .. }
+                RequestKind::Refused { .. }
                 | RequestKind::Outdated { .. }
                 | RequestKind::Decided { .. }
                 | RequestKind::State

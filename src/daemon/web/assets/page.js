@@ -1,6 +1,6 @@
 // The functions of every page: stop and abort, logging out, times in local time with offset, sending a change.
 
-const meta = (name) => document.querySelector(`meta[name="${name}"]`)?.content ?? "";
+export const meta = (name) => document.querySelector(`meta[name="${name}"]`)?.content ?? "";
 const words = JSON.parse(meta("words") || "{}");
 
 /** The page's word for a key. */
@@ -41,11 +41,24 @@ export function tell(place, { ok, message }) {
   place.classList.toggle("bad", !ok);
 }
 
-const told = () => document.querySelector("#told, .told");
+const ANSWER_MS = 1000; // a stop without an answer for this long is reported as such
 
-for (const name of ["stop", "abort"]) {
-  document.getElementById(name)?.addEventListener("click", async () => tell(told(), await send(`/request/${name}`)));
+/** Requests a stop or an abort. The result is shown beside the buttons with its time, also if there is no answer. */
+async function halt(name) {
+  const place = document.getElementById("stop-told");
+  const asked = `${action(name)} ${localTime(Date.now()).slice(11, 19)}:`;
+  const say = (ok, message) => tell(place, { ok, message: `${asked} ${message}` });
+  say(true, "…");
+  // The request is not given up: a service that was busy may still carry it out.
+  const late = setTimeout(() => say(false, word("stop.no_answer")), ANSWER_MS);
+  const { ok, status, message } = await send(`/request/${name}`);
+  clearTimeout(late);
+  if (status === 0) say(false, word("stop.no_answer"));
+  else if (status >= 500) say(false, `${message} ${word("stop.emergency")}`);
+  else say(ok, ok ? word("stop.taken") : message);
 }
+
+for (const name of ["stop", "abort"]) document.getElementById(name)?.addEventListener("click", () => halt(name));
 document.getElementById("logout")?.addEventListener("click", async () => {
   if ((await send("/logout")).ok) location.assign("/");
 });

@@ -1,6 +1,6 @@
 // The page of the running cell, kept up to date by the service's events.
 
-import { action, localTime, send, tell, word } from "./PAGE_JS";
+import { action, localTime, meta, send, tell, word } from "./PAGE_JS";
 
 const id = (name) => document.getElementById(name);
 const STALE_MS = 3000; // the service sends an event at least once a second
@@ -9,17 +9,20 @@ const set = (element, text) => { if (element && element.textContent !== text) el
 let now = null;
 let heard = Date.now();
 let frame = 0;
-let record = { part: null, grids: {} };
+let read = null; // the record of a cycle so far, as it was read last
 let recordOf = "";
 let reviewOf = "";
 let reviewStep = null;
 let path = null;
 
+/** The record of the shown cycle; what was read of another cycle is never shown. */
+const record = () => (now.cycle !== null && read?.cycle === now.cycle ? read : { part: null, panel: null, passes: null, grids: {} });
+
 /** How a state is shown: only abnormal states have a colour, and a sign beside it. */
 function looks(now) {
   if (!now.answers || now.state === "aborted" || now.state === "aborting") return "bad";
   if (now.state === "complete") return { pass: "good", accept: "good", fail: "bad", reject: "bad" }[now.verdict] ?? "doubt";
-  if (now.state === "held" || now.state === "holding" || (now.reasons.length > 0 && now.state !== "execute")) return "doubt";
+  if (now.state === "held" || now.state === "holding" || (now.state === "stopped" && now.verdict === "aborted") || (now.reasons.length > 0 && now.state !== "execute")) return "doubt";
   return "";
 }
 
@@ -47,15 +50,28 @@ function meaning(code) {
   return meanings.get(code);
 }
 
+/** What a review waits for: a worn disc, a decision on what the tool did, which drying the panel does not change, or another decision. */
+function reviewKind() {
+  if (now.reasons.some(({ code }) => code === "disc_worn")) return "_disc";
+  return now.possible.includes("unhold --dried") ? "" : "_contact";
+}
+
 /** The texts of a reason on this page, { text, sentence, remedy }: in the page's language, with the program's English sentence and its values beside it. */
 function said(reason) {
-  const key = `why.${now.state}.${reason.code}`;
+  if (reason.code === "held_by") return { text: `${word("held_by")} ${reason.message}`, sentence: "", remedy: "" };
+  const key = `why.${now.state}.${reason.code}${reason.code === "review" ? reviewKind() : ""}`;
   if (word(key) !== key) return { text: word(key), sentence: "", remedy: "" };
   const sentence = `${readable(reason.message)} (${reason.code})`;
   const known = meaning(reason.code);
   const remedy = known ? readable(known.remedy) : "";
   const isEnglish = document.documentElement.lang === "en";
   return known && !isEnglish ? { text: readable(known.cause), sentence, remedy } : { text: sentence, sentence: "", remedy };
+}
+
+/** What comes next, if the cell gives no reason for its state. */
+function next() {
+  const keys = [`next.${now.state}.${now.verdict}`, `next.${now.state}`];
+  return keys.map((key) => [key, word(key)]).find(([key, text]) => text !== key)?.[1] ?? "";
 }
 
 function showState() {
@@ -65,11 +81,12 @@ function showState() {
   state.dataset.state = now.state ?? "";
   state.className = `state ${looks(now)}`;
   set(id("state-word"), now.state ? word(`state.${now.state}`) + (ended ? verdict : "") : "…");
-  const part = record.part ?? {};
-  set(id("panel"), [now.panel, part.serial, part.order, part.operator].filter(Boolean).join(" · "));
+  const { part: named, panel } = record();
+  const part = named ?? {};
+  set(id("panel"), [now.panel ?? panel, part.serial, part.order, part.operator].filter(Boolean).join(" · "));
   // The reasons of a review are shown beside its pictures and buttons.
   const list = (now.is_review ? now.reasons.slice(0, 1) : now.reasons).map(said);
-  const first = list[0] ?? { text: "", sentence: "", remedy: "" };
+  const first = list[0] ?? { text: next(), sentence: "", remedy: "" };
   set(id("why"), first.text);
   id("why").classList.toggle("is-long", first.text.length > 140);
   set(id("sentence"), first.sentence);
@@ -103,9 +120,10 @@ function showProgress() {
   set(id("waypoint"), now.of === null ? "–" : `${now.waypoint} / ${now.of}`);
   const seconds = left();
   set(id("left"), seconds === null ? "–" : `${seconds.toFixed(0)} s`);
-  set(id("pass"), now.pass === null ? "–" : String(now.pass));
+  const { passes } = record();
+  set(id("pass"), passes === null ? "–" : String(passes));
   const cycle = id("cycle");
-  if (now.cycle !== null && cycle.dataset.cycle !== String(now.cycle)) {
+  if (now.cycle === null) { delete cycle.dataset.cycle; set(cycle, "–"); } else if (cycle.dataset.cycle !== String(now.cycle)) {
     cycle.dataset.cycle = String(now.cycle);
     const link = Object.assign(document.createElement("a"), { href: `/cycle/${now.cycle}`, textContent: String(now.cycle) });
     link.setAttribute("aria-label", `${word("record")} ${now.cycle}`);
@@ -127,8 +145,10 @@ function showButtons() {
 function showGrids() {
   const place = id("grids");
   if (!place) return;
-  const cells = now.grids.map((name) => /^r(\d+)c(\d+)$/.exec(name)).filter(Boolean).map(([name, row, column]) => ({ name, row: +row, column: +column }));
-  const state = (name) => record.grids[name] ?? "untested";
+  const { grids } = record();
+  // After a restart the service knows the panel only by the record.
+  const cells = (now.grids.length > 0 ? now.grids : Object.keys(grids)).map((name) => /^r(\d+)c(\d+)$/.exec(name)).filter(Boolean).map(([name, row, column]) => ({ name, row: +row, column: +column }));
+  const state = (name) => grids[name] ?? "untested";
   const shown = JSON.stringify(cells.map(({ name }) => [name, state(name)]));
   if (place.dataset.shown === shown) return;
   place.dataset.shown = shown;
@@ -150,36 +170,53 @@ function showGrids() {
   place.replaceChildren(table);
 }
 
-async function showFrame() {
-  const image = id("frame");
-  if (!image || now.frame === 0 || now.frame === frame) return;
-  frame = now.frame;
-  const next = new Image();
-  next.onload = () => {
-    image.src = next.src;
-    image.hidden = false;
-    const name = word(`picture.${now.frame_name}`).replace(/^picture\./, "");
-    image.alt = name;
-    set(id("frame-name"), name);
-  };
-  next.src = `/frame.jpg?${frame}`;
+/** The picture's name: "now" is said of a film only while it is watched. */
+function frameName() {
+  const isFilm = now.frame_name === "film" && now.state === "execute" && now.phase === "inspect";
+  return isFilm ? word("picture.film") : word("picture.last");
 }
 
-/** The part and the grids are in the record, which changes with the phase. */
+function showFrame() {
+  const image = id("frame");
+  if (!image) return;
+  if (now.frame === 0) {
+    frame = 0;
+    image.hidden = true;
+    image.removeAttribute("src");
+    set(id("frame-name"), word("picture.none"));
+    return;
+  }
+  if (!image.hidden) { image.alt = frameName(); set(id("frame-name"), frameName()); }
+  if (now.frame === frame) return;
+  const number = frame = now.frame;
+  const loading = new Image();
+  loading.onload = () => {
+    if (frame !== number) return;
+    image.src = loading.src;
+    image.hidden = false;
+    image.alt = frameName();
+    set(id("frame-name"), frameName());
+  };
+  loading.src = `/frame.jpg?${number}`;
+}
+
+/** Part, grids and abrasions are in the record, which changes with the phase. */
 async function readRecord() {
   const of = `${now.cycle} ${now.state} ${now.phase} ${now.pass}`;
   if (of === recordOf || !id("grids")) return;
   recordOf = of;
   try {
     const response = await fetch("/now.json", { cache: "no-store" });
-    if (response.ok) { record = await response.json(); showState(); showGrids(); }
+    read = response.ok ? await response.json() : null;
+    if (!response.ok) recordOf = "";
+    showState(); showProgress(); showGrids();
   } catch { recordOf = ""; }
 }
 
 async function readReview() {
   const place = id("review");
   const step = now.step;
-  const of = now.is_review ? `${now.cycle} ${step}` : "";
+  const of = now.is_review && meta("person") ? `${now.cycle} ${step}` : "";
   if (of === reviewOf) return;
   reviewOf = of;
   reviewStep = null;
@@ -210,7 +247,10 @@ async function ask(button) {
   // The step of the decision: of the shown state, or of the review beside the button.
   if (DECISIONS.has(button.dataset.request)) body.step = button.dataset.request === "accept" ? reviewStep : now?.step ?? null;
   if (button.dataset.request === "hold") body.why = id("why-held")?.value ?? "";
-  tell(id("told"), await send(`/request/${button.dataset.request}`, body));
+  const result = await send(`/request/${button.dataset.request}`, body);
+  // The reason belongs to this hold only.
+  if (result.ok && button.dataset.request === "hold") id("why-held").value = "";
+  tell(id("told"), result);
   if (now) showButtons();
 }
 
@@ -222,9 +262,19 @@ for (const button of document.querySelectorAll("button[data-request]")) button.a
 function show(event) {
   now = JSON.parse(event.data);
   heard = Date.now();
+  if ((now.by ?? "") !== meta("person")) { leave(); return; }
   showState(); showProgress(); showButtons(); showGrids();
   showFrame(); readRecord(); readReview();
   showStale();
+}
+
+/** The page's session has ended, or is another person's now: nothing of it stays on the screen, and the page is loaded again. */
+function leave() {
+  source.close();
+  document.querySelector("main").hidden = true;
+  set(id("stale"), word("log_in"));
+  id("stale").hidden = false;
+  location.reload();
 }
 
 /** The shown state is old when the service is silent, or when the cell's loop does not answer the service. */
@@ -236,7 +286,7 @@ function showStale() {
   place.hidden = !isStale;
   if (isStale) {
     const since = silent ? heard : now.answered_ms || heard;
-    set(place, `${word(silent ? "stale" : "silent")} ${localTime(since)}`);
+    set(place, `${word(silent ? "stale" : "silent")} ${localTime(since)}. ${word("stop.dead")}`);
   }
   if (silent) for (const button of document.querySelectorAll("button[data-request], button[data-needs]")) button.disabled = true;
 }

@@ -72,7 +72,7 @@ async fn requests_go_to_the_loop_in_the_persons_name_and_a_stop_needs_none() {
     assert!(stale.status == StatusCode::CONFLICT && stale.body.contains(&sha256), "{}", stale.body);
     let start = site.post(&operator, "/request/start", &start(&sha256)).await;
     assert_eq!(start.status, StatusCode::CONFLICT, "the loader of this test refuses");
-    let by = "operator, on the operator's page";
+    let by = "operator, on the operator's page at 127.0.0.1";
     // A refused start is passed to the loop only for the record; no client waits for this.
     let since = std::time::Instant::now();
     while site.asked().len() < 5 && since.elapsed() < std::time::Duration::from_secs(20) {
@@ -84,16 +84,19 @@ async fn requests_go_to_the_loop_in_the_persons_name_and_a_stop_needs_none() {
     assert_eq!(
         asked,
         [
-            "stop by a person who was not logged in, on the operator's page",
+            "stop by a person who was not logged in, on the operator's page at 127.0.0.1",
             &format!("unhold --dried by {by}"),
-            &format!("hold by {by}"),
+            &format!("hold: waterleaks by {by}"),
             &format!("abort by {by}"),
             &start,
         ]
     );
     let store = Store::open(&site.folder.path().join("store")).expect("open");
-    let hold = store.audit(None, 1).expect("read").remove(0).entry;
-    assert_eq!((hold.what.as_str(), hold.subject.as_deref()), ("hold", Some("waterleaks")));
+    let line = store.audit(None, 1).expect("read").remove(0).entry;
+    assert_eq!(
+        (line.what.as_str(), line.subject.as_deref(), line.refused.is_some()),
+        ("start", Some("panel.toml"), true)
+    );
 }
 
 #[tokio::test]
@@ -115,6 +118,12 @@ async fn a_changed_account_logs_in_anew_and_the_last_administrator_stays() {
         let told = site.post(&administrator, "/people", &change).await;
         assert!(told.body.contains("the last that may change accounts"), "{}", told.body);
     }
+    // "Add" never changes an account that exists.
+    let add = r#"{"is_new":true,"name":"inspector","printed_name":"Paul","role":"viewer","password":"a new password","is_enabled":true}"#;
+    let told = site.post(&administrator, "/people", add).await;
+    assert!(told.status == StatusCode::UNPROCESSABLE_ENTITY && told.body.contains("exists"), "{}", told.body);
+    let inspector = site.log_in("inspector", PASSWORD).await.expect("as before");
+    assert_eq!(site.get(&inspector, "/audit").await.status, StatusCode::OK, "the role stayed");
     let told = site.post(&administrator, "/people", &change("New One", "viewer", true)).await;
     assert!(told.body.contains("a to z"), "{}", told.body);
     let told = site.post(&administrator, "/people", &change("ben", "viewer", true)).await;
@@ -189,4 +198,54 @@ async fn an_account_that_is_changed_beside_the_page_signs_nothing_and_loses_its_
     change_beside(&site, "engineer", |account| account.is_enabled = true);
     let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
     assert_eq!(site.get(&engineer, "/setup").await.status, StatusCode::OK);
+}
+
+/// A page whose session has ended says so. A wall display's session outlives the service, and ends with a new password.
+#[tokio::test]
+async fn a_page_without_its_session_says_so_and_a_display_keeps_its_own() {
+    let site = PageFixture::new();
+    let operator = site.log_in("operator", PASSWORD).await.expect("logged in");
+    let ended = "Your session has ended";
+    assert!(!site.get(&operator, "/").await.body.contains(ended));
+    site.web.sessions().end_all_of("operator");
+    let page = site.get(&operator, "/").await.body;
+    assert!(
+        page.contains(&format!("role=\"alert\">{ended}")) && page.contains("name=\"person\" content=\"\""),
+        "{page}"
+    );
+    assert!(!page.contains("id=\"grids\"") && !page.contains("id=\"frame\""), "{page}");
+    assert!(
+        !site.get(&Browser::default(), "/").await.body.contains(&format!("role=\"alert\">{ended}")),
+        "a stranger"
+    );
+
+    let display = site.log_in("display", PASSWORD).await.expect("logged in");
+    site.web.sessions().end_all_of("display");
+    crate::daemon::web::login::begin_displays(&site.web);
+    assert_eq!(site.get(&display, "/history").await.status, StatusCode::OK, "after a restart of the service");
+    assert_eq!(site.post(&display, "/request/reset", "{}").await.status, StatusCode::FORBIDDEN);
+    change_beside(&site, "display", |account| account.is_enabled = false);
+    ends(&site, &display).await;
+    crate::daemon::web::login::begin_displays(&site.web);
+    assert_eq!(site.get(&display, "/history").await.status, StatusCode::SEE_OTHER);
+}
+
+/// An error that a person meets while going to a page is a page, with navigation and Stop.
+#[tokio::test]
+async fn an_error_is_a_page_with_its_head() {
+    let site = PageFixture::new();
+    let viewer = site.log_in("viewer", PASSWORD).await.expect("logged in");
+    let cookie = viewer.cookie.clone().expect("a session");
+    for (path, status, words) in [
+        ("/nowhere", StatusCode::NOT_FOUND, "There is no such page."),
+        ("/cycle/99", StatusCode::NOT_FOUND, "There is no such page."),
+        ("/audit", StatusCode::FORBIDDEN, "Your role may not do this."),
+    ] {
+        let told = site.send("GET", path, &[("cookie", &cookie), ("accept", "text/html,*/*")], "").await;
+        assert_eq!(told.status, status, "{path}");
+        assert!(told.body.contains("id=\"stop\"") && told.body.contains(words), "{path}: {}", told.body);
+        assert!(told.body.contains("id=\"logout\""), "{path}");
+        assert!(!site.get(&viewer, path).await.body.contains("<html"), "a script reads JSON");
+    }
+    assert!(site.get(&viewer, "/password").await.body.contains("data-post=\"/password\""));
 }
