@@ -47,8 +47,8 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
     super::disk::write_new(&args.out, page(&[], controller))?;
     if controller == ControllerKind::Mock {
         tell(
-            "a MOCK controller answers: this is a rehearsal; it proves nothing about a real one and gives no page \
-             to sign",
+            "a MOCK controller answered: this is a rehearsal, which proves nothing about a real controller; do not \
+             sign its page",
         );
     }
     let mut answers = std::io::stdin().lock().lines().map_while(Result::ok);
@@ -86,10 +86,10 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
     outcome.put("page", json!(args.out.display().to_string()));
     let page = args.out.display();
     outcome.add_line(match controller {
-        ControllerKind::Mock => format!("page: {page}; from a rehearsal on a mock controller, nothing to sign"),
+        ControllerKind::Mock => format!("page: {page}; from a rehearsal on a mock controller, do not sign the page"),
         ControllerKind::Unknown => {
             format!(
-                "page: {page}; no controller answered at the beginning or at the end: nothing to sign; prove again"
+                "page: {page}; no controller answered at the beginning or at the end: do not sign the page; run the command again"
             )
         }
         ControllerKind::Real => format!("page: {page}; print it, sign it, and keep it with the cell's file"),
@@ -102,10 +102,13 @@ fn ask(assumption: Assumption, answers: &mut dyn Iterator<Item = String>, tell: 
     let contact = IN_CONTACT.contains(&assumption.number);
     tell(&format!("   {}", assumption.to_do));
     let (finding, evidence) = if contact {
-        (Finding::Open, "needs the tool on the panel: by hand, when all others are proven".to_owned())
+        (
+            Finding::Open,
+            "needs the tool in contact with the panel: test by hand after all other tests are proven".to_owned(),
+        )
     } else {
         tell(
-            "   Seen as expected? y or n, then a space and the evidence (trace, film, figure); Enter leaves it open.",
+            "   As expected? Type y or n, a space and the evidence (trace, film, figure); press Enter alone to leave the test open.",
         );
         answer(&answers.next().unwrap_or_default())
     };
@@ -127,7 +130,8 @@ fn answer(line: &str) -> (Finding, String) {
 
 fn judgement(proofs: &[Proof], is_mock: bool) -> Judgement {
     let of_mock = is_mock.then(|| {
-        let message = "a mock controller answers: tests on it prove nothing about a real one";
+        let message =
+            "a mock controller answered: tests on a mock controller prove nothing about a real controller";
         Reason::new("mock_controller", message)
     });
     let of_proofs = proofs.iter().filter(|proof| proof.finding != Finding::Proven).map(|proof| {

@@ -51,8 +51,8 @@ impl Gateway {
                         let what = RequestKind::Unprepared { recipe, reasons: refused.reasons.clone() };
                         #[expect(
                             clippy::let_underscore_must_use,
-                            reason = "if it is not accepted, the service has ended, or this user has too many \
-                                      requests waiting"
+                            reason = "if the request is not accepted, the service has ended, or this user has too \
+                                      many requests waiting"
                         )]
                         let _ = self.queue.send(Request::new(what, who));
                         return refused;
@@ -60,7 +60,8 @@ impl Gateway {
                 }
             }
             RequestKind::Shoot(_) => {
-                let message = "the service has not opened its cameras yet; request its state";
+                let message = "the service has not opened its cameras yet; wait until `panelprep ctl state` shows \
+                               that the service is ready";
                 return Reply::refused(Exit::Refused, vec![Reason::new("not_now", message)]);
             }
             RequestKind::Table(request) if request.is_decision() => {
@@ -82,7 +83,10 @@ impl Gateway {
             Ok(Ok(reply)) => reply,
             Ok(Err(_)) => failed("ended", "the service ended before it could answer"),
             // Not "refused": the request is in the queue and may still happen.
-            Err(_) => failed("silent", "the service's loop does not answer; request its state, and read its log"),
+            Err(_) => failed(
+                "silent",
+                "the control loop of the service does not respond; check the state and the log of the service",
+            ),
         }
     }
 

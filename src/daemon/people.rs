@@ -96,7 +96,7 @@ impl People {
     pub fn audit(&self, entry: &AuditEntry) {
         if let Err(error) = self.write(|store| store.keep_audit(entry)) {
             let (what, who) = (&entry.what, entry.who.as_deref().unwrap_or("a person who is not logged in"));
-            tracing::warn!("the audit trail could not be written: {error}; {what} by {who}");
+            tracing::warn!("the audit trail could not be written: {error}; lost entry: {what} by {who}");
         }
     }
 
@@ -109,7 +109,7 @@ impl People {
             (lines.minute_over(now_ms), lines.allows(true))
         };
         if let Some(count) = left_out {
-            let words = format!("{count} more wrong log-ins within a minute have no line of their own");
+            let words = format!("{count} further failed log-ins within a minute were not recorded individually");
             let line = AuditEntry::done(None, None, entry.from.clone(), &entry.what);
             self.audit(&AuditEntry { refused: Some(words), ..line });
         }
@@ -122,7 +122,7 @@ impl People {
         match self.read(|store| store.accounts()) {
             Ok(mut accounts) => accounts.remove(name),
             Err(error) => {
-                tracing::warn!("nobody can log in: {error}");
+                tracing::warn!("log-in is not possible, because the accounts cannot be read: {error}");
                 None
             }
         }
@@ -143,7 +143,9 @@ impl People {
                 self.lockout().right(name);
                 LogIn::Right(account)
             }
-            None if self.lockout().wrong(who, self.now_s()) => LogIn::Wrong("wrong password; the account pauses"),
+            None if self.lockout().wrong(who, self.now_s()) => {
+                LogIn::Wrong("wrong password; the account is locked temporarily")
+            }
             None => LogIn::Wrong("wrong name or password"),
         }
     }

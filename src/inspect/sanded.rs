@@ -134,7 +134,7 @@ impl Sanded<'_> {
         };
         let tolerance = self.model.away_share() as f32;
         let looks = Looks { window: self.window, levels: self.looks(), disc_px: self.disc_px, tolerance };
-        let is_narrow = named("looking for places narrower than a disc", looks.narrow(self.break_to_film))?;
+        let is_narrow = named("the places narrower than a disc", looks.narrow(self.break_to_film))?;
         let is_without = |i: usize| {
             let is_whole = self.inside[i] && self.model.is_without_dry(i) && self.broke_s[i].is_infinite();
             is_whole && (is_narrow[i] || !has_evidence(i))
@@ -149,7 +149,7 @@ impl Sanded<'_> {
     fn wide(&self, without: &[bool]) -> Result<Vec<bool>, ImagingError> {
         let hides = |i: usize| without[i] || !self.inside[i] || self.broke_s[i].is_finite();
         let bytes: Vec<u8> = (0..without.len()).map(|i| u8::from(hides(i))).collect();
-        let opened = named("opening the mask of unseen places", opened(self.window, &bytes))?;
+        let opened = named("the opening of the mask of unseen places", opened(self.window, &bytes))?;
         Ok(without.iter().zip(opened).map(|(without, opened)| *without && opened).collect())
     }
 

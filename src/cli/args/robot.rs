@@ -7,7 +7,7 @@ use std::path::PathBuf;
 /// Options of `robot`.
 #[derive(Debug, Clone, Args)]
 pub struct Robot {
-    /// Which function.
+    /// The function.
     #[command(subcommand)]
     pub function: RobotFunction,
 }
@@ -55,8 +55,8 @@ pub enum RobotFunction {
         #[arg(value_name = "POSE", allow_hyphen_values = true)]
         flange_from_tool: String,
     },
-    /// set_acc_speed: speeds of the motions that follow in the same epoch; shows whether the controller accepts
-    /// them.
+    /// set_acc_speed: sets the speeds of later motions in the same epoch; shows whether the controller accepts
+    /// these speeds.
     SetSpeed {
         /// Speed of the tip, mm/s; at most the limit of the cell.
         speed_mm_s: f64,
@@ -67,9 +67,9 @@ pub enum RobotFunction {
         #[arg(long, value_name = "PERCENT", default_value_t = 10, value_parser = clap::value_parser!(u8).range(1..=100))]
         axis_percent: u8,
     },
-    /// set_digout: an output by its name in the cell's [io.outputs], if its interlocks are satisfied.
+    /// set_digout: switches an output, named as in the cell's [io.outputs], if its interlocks are satisfied.
     SetOut {
-        /// The name, `light`.
+        /// The name of the output, for example `light`.
         name: String,
         /// On or off.
         #[arg(value_enum)]
@@ -89,11 +89,11 @@ pub enum RobotFunction {
     },
     /// call_subroutine: calls a subroutine of the controller's own list.
     Call {
-        /// Its index there.
+        /// The index of the subroutine in that list.
         index: u16,
     },
-    /// None of the nine functions: goes through everything that the installation page requires to be proven on the
-    /// controller, and writes a page to sign. It tests what a client can test and asks the person for the rest; it
+    /// Not one of the nine functions: goes through all assumptions about the controller that the installation page
+    /// lists, and writes a page to sign. The command tests what a client can test and asks the person for the rest; it
     /// causes no motion.
     Prove(Prove),
 }
@@ -101,7 +101,7 @@ pub enum RobotFunction {
 /// Options of `robot prove`.
 #[derive(Debug, Clone, Args)]
 pub struct Prove {
-    /// The page to write, HTML; it must not exist yet, and is written again after each answer.
+    /// The page to write, HTML; the file must not exist yet, and is written again after each answer.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
     /// The person at the controller.

@@ -37,7 +37,7 @@ pub struct Run {
 /// Options of the 3D camera's worker.
 #[derive(Debug, Clone, Args)]
 pub struct ZividWorker {
-    /// `libpanelprep_zivid.so`.
+    /// The path of the library `libpanelprep_zivid.so`.
     #[arg(long, value_name = "FILE")]
     pub library: PathBuf,
 }
@@ -53,14 +53,14 @@ pub struct Ctl {
 /// The possible requests.
 #[derive(Debug, Clone, Subcommand)]
 pub enum CtlAsk {
-    /// Begin a cycle, from idle.
+    /// Start a cycle; the cell must be idle.
     Start {
         /// The panel's recipe.
         #[arg(long, value_name = "FILE")]
         recipe: PathBuf,
         /// Record the cycle for `panelprep replay` and Foxglove, in this new file, which the service writes;
-        /// without a name in its store, as recordings/cycle-NNNNNN.mcap. Only you remove it: a minute of film needs
-        /// a gigabyte at full size.
+        /// without a name in its store, as recordings/cycle-NNNNNN.mcap. The service never removes a recording: a
+        /// minute of film needs a gigabyte at full size.
         #[arg(long, value_name = "FILE", num_args = 0..=1)]
         record: Option<Option<PathBuf>>,
         /// The part in the cell: kept with the cycle and shown on its page.
@@ -79,7 +79,7 @@ pub enum CtlAsk {
     Hold,
     /// Continue after a hold, with a new picture of the corner.
     Unhold {
-        /// The panel is dry: locate it again.
+        /// The panel is dry: locate the panel again.
         #[arg(long)]
         dried: bool,
         /// The state on which the decision is based.
@@ -98,7 +98,7 @@ pub enum CtlAsk {
     },
     /// From stopped or complete to idle: everything is switched off and tested, without motion.
     Reset {
-        /// Wait until the cell is idle, and end with 3 if it does not become idle.
+        /// Wait until the cell is idle, and end with exit code 3 if the cell does not become idle.
         #[arg(long)]
         wait: bool,
     },
@@ -112,8 +112,8 @@ pub enum CtlAsk {
     NewDisc,
     /// The cell's status: state, panel, pass, phase, seconds of film, waypoint, the last page.
     State,
-    /// Follow the cell until this command is interrupted: prints a line for each change, with --json one object per
-    /// line.
+    /// Follow the cell until this command is interrupted: prints one line for each change, with --json one object for
+    /// each line.
     Watch,
 }
 

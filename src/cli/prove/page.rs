@@ -17,7 +17,7 @@ td,th{border:1px solid #999;padding:4px 6px;text-align:left;vertical-align:top}\
 /// signed.
 pub(super) fn render(proofs: &[Proof], by: &str, (robot, controller): (&Robot, ControllerKind)) -> String {
     let title = match controller {
-        ControllerKind::Mock => "Rehearsed on a mock controller: proves nothing about a real one",
+        ControllerKind::Mock => "Rehearsed on a mock controller: proves nothing about a real controller",
         ControllerKind::Unknown => "No controller answered: proves nothing",
         ControllerKind::Real => "Proven on the controller",
     };
@@ -38,8 +38,8 @@ pub(super) fn render(proofs: &[Proof], by: &str, (robot, controller): (&Robot, C
                 }
                 p {
                     (count(Finding::Proven)) " proven, " (count(Finding::Wrong)) " wrong, " (count(Finding::Open))
-                    " open. While one is wrong or open, the robot stays in T1, the sanding tool without power and the panel out \
-                     of reach."
+                    " open. While any assumption is wrong or open, keep the robot in T1, the sanding tool without power and the \
+                     panel out of reach."
                 }
                 table {
                     tr { @for head in ["#", "Assumption", "Do, and expect", "Found", "Evidence", "Seen by"] { th { (head) } } }

@@ -115,7 +115,8 @@ fn kept(web: &Web, line: AuditEntry, changed: Changed) -> Result<(), String> {
     let account = account(&changed, former)?;
     if leaves_nobody(&accounts, &account) {
         return Err(
-            "this account is the last that may change accounts; make another administrator first".to_owned()
+            "this account is the last enabled account that may manage accounts; create another administrator first"
+                .to_owned(),
         );
     }
     let line = AuditEntry {
@@ -129,7 +130,8 @@ fn kept(web: &Web, line: AuditEntry, changed: Changed) -> Result<(), String> {
 
 fn account(changed: &Changed, former: Option<&Account>) -> Result<Account, String> {
     let Changed { name, printed_name, role, password, is_enabled } = changed;
-    let salt = random::bytes().map_err(|error| format!("this computer has no random numbers: {error}"))?;
+    let salt =
+        random::bytes().map_err(|error| format!("the computer's random number generator failed: {error}"))?;
     let password = Some(password.as_str()).filter(|password| !password.is_empty());
     Account::checked((name, printed_name), (*role, *is_enabled), (password, salt), former)
 }
