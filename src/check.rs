@@ -14,8 +14,8 @@ mod report;
 mod text;
 
 use crate::cell::{
-    CELL_KEYS, Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, RemovalCalibration, RobotCorrection, RobotKind,
-    ScannerMount, TargetMount, ToolMount, ZividSettings,
+    CELL_KEYS, Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, RemovalCalibration, RobotCorrection,
+    RobotKind, ScannerMount, TargetMount, ToolMount, ZividSettings,
 };
 use crate::config::{self, Problem, Problems};
 use crate::krl::Kss;
@@ -200,7 +200,8 @@ fn check_ours(name: &str, text: &str, checked_for: &CheckedFor<'_>) -> FileRepor
     let Some(kind) = kind_of(&config::top_keys(text)) else {
         let begins = KINDS.map(|kind| format!("{} ({})", kind.name, kind.keys.join(", ")));
         return unclear(format!(
-            "the kind of this file is not recognized; its top-level keys would show it: {}",
+            "the kind of this file is not recognized: it has no top-level key of a known kind. The kinds and their \
+             keys: {}",
             begins.join("; ")
         ));
     };
@@ -237,7 +238,11 @@ fn completeness(name: &str, text: &str, checked_for: &CheckedFor<'_>) -> (Vec<Pr
     let (open, unmet): (Vec<Unmet>, Vec<Unmet>) = unmet.into_iter().partition(later);
     let mut problems = problems_of(text, unmet);
     if let (Some(first), Some(purpose)) = (problems.first_mut(), checked_for.purpose) {
-        first.message = format!("{} ({} need all that is listed here)", first.message, purpose.commands());
+        first.message = format!(
+            "{} ({} start only when all problems in this list are corrected)",
+            first.message,
+            purpose.commands()
+        );
     }
     (problems, files_to_be_made(text, missing).into_iter().chain(problems_of(text, open)).collect())
 }
@@ -247,11 +252,13 @@ fn files_to_be_made(text: &str, missing: Vec<Unmet>) -> Option<Problem> {
     let lines = missing.iter().map(|unmet| config::line_of_key(text, &unmet.key));
     let line = lines.min()?;
     let keys: Vec<String> = missing.into_iter().map(|unmet| unmet.key).collect();
-    let files = if keys.len() == 1 { "the file that it names is" } else { "the files that these name are" };
+    let files = if keys.len() == 1 { "the named file does" } else { "the named files do" };
     Some(Problem {
         line,
         key: keys.join(", "),
-        message: format!("{files} not there, and a cycle needs all of them; a calibration: {CALIBRATION_ADVICE}"),
+        message: format!(
+            "{files} not exist, but a cycle needs every file; for a calibration file: {CALIBRATION_ADVICE}"
+        ),
     })
 }
 
@@ -335,7 +342,7 @@ mod tests {
     fn the_kinds_know_their_own_keys() {
         for kind in &KINDS {
             let problems = (kind.check)("a.toml", "wavelength = 3").expect_err("a wrong key");
-            let message = format!("unknown key; known here: {}", kind.keys.join(", "));
+            let message = format!("unknown key; valid keys here: {}", kind.keys.join(", "));
             assert!(problems.list.iter().any(|problem| problem.message == message), "{}: {problems}", kind.name);
         }
     }
@@ -344,13 +351,15 @@ mod tests {
     fn what_is_not_clear_is_said() {
         assert_eq!(
             problem_messages("a.toml", "x = 3"),
-            ["the kind of this file is not recognized; its top-level keys would show it: \
-              cell (store, socket, socket_role, scanner, flange_camera, robot, tool, poses, io, calibration, limits, rough, arm, keep_out, page, office, push, sparkplug, opcua, line); \
-              recipe (panel, process, locate, corner, region, inspect, surface, path, removal, nominal); \
-              intrinsics (camera, scanner_errors); base_from_camera (base_from_camera); \
-              flange_from_camera (flange_from_camera); flange_from_tool (flange_from_tool); \
-              base_from_board (base_from_board); robot_correction (robot_correction); removal (removal); \
-              archive (broker, database, files, fleet)"]
+            [
+                "the kind of this file is not recognized: it has no top-level key of a known kind. The kinds and their \
+                 keys: cell (store, socket, socket_role, scanner, flange_camera, robot, tool, poses, io, calibration, \
+                 limits, rough, arm, keep_out, page, office, push, sparkplug, opcua, line); recipe (panel, process, \
+                 locate, corner, region, inspect, surface, path, removal, nominal); intrinsics (camera, \
+                 scanner_errors); base_from_camera (base_from_camera); flange_from_camera (flange_from_camera); \
+                 flange_from_tool (flange_from_tool); base_from_board (base_from_board); robot_correction \
+                 (robot_correction); removal (removal); archive (broker, database, files, fleet)"
+            ]
         );
         // The kind does not depend on the file's name.
         assert_eq!(check_file("a.toml", "\u{feff}\n<ETHERNETKRL/>").kind, Some("EthernetKRL"));
@@ -387,7 +396,7 @@ mod tests {
                 "scanner: Zivid, the only one found",
                 "flange camera: simulated",
                 "robot: KUKA controller at krc, commands on port 54600, state on port 54601",
-                "arm: kr6-r700-2, by the public model of kroshu/kuka_robot_descriptions, kuka_agilus_support",
+                "arm: kr6-r700-2, from the public model of kroshu/kuka_robot_descriptions, kuka_agilus_support",
                 "tool: a spring; it receives no commands",
                 "poses: none",
                 "outputs: none",
@@ -396,8 +405,9 @@ mod tests {
                 "calibration files named: none",
                 "limits: the tool stays in [0, 0, 0] … [1, 2, 3] mm",
                 "store in c/store",
-                "not compared with cell_config.dat, cell_motion.src, CELLCMD.xml, CELLSTAT.xml: it is not known whether a stop is received and switches tool and water off, nor whether signals and \
-                 ports are the same on both sides; name the controller's files together with this one",
+                "not compared with cell_config.dat, cell_motion.src, CELLCMD.xml, CELLSTAT.xml: it is not verified \
+                 that a stop is received and switches tool and water off, or that signals and ports are the same on \
+                 both sides. Check this file together with the controller's files",
             ]
         );
         let lens =
@@ -405,14 +415,14 @@ mod tests {
             k1 = 0\nk2 = 0\np1 = 0\np2 = 0\nk3 = 0\nrms_px = 0.2";
         assert_eq!(
             check_file("a.toml", lens).says,
-            ["camera of 1944 × 1200 px that sees about 57.1° × 37.2°", "residual: 0.200 px rms"]
+            ["camera of 1944 × 1200 px with a field of view of about 57.1° × 37.2°", "residual: 0.200 px rms"]
         );
         let mount = "[flange_from_tool]\nx_mm = 0\ny_mm = 10\nz_mm = 120\na_deg = 0\nb_deg = 90\nc_deg = 0";
         assert_eq!(
             check_file("a.toml", mount).says,
             [
                 "tool at (0.0, 10.0, 120.0) mm in flange",
-                "its Z axis points along (1.00, 0.00, 0.00) there",
+                "its Z axis in that frame: (1.00, 0.00, 0.00)",
                 "residual: unknown",
                 "the tool's axis was not measured"
             ]

@@ -37,7 +37,7 @@ fn read_at_most(file: &Path, most_bytes: u64) -> Result<Vec<u8>> {
     let opened = open(file)?;
     let stated = opened.metadata()?.len();
     let too_large = |found: u64| {
-        let words = format!("is {found} bytes or more; a file that is read may have {most_bytes} bytes at most");
+        let words = format!("the file has at least {found} bytes (limit {most_bytes} bytes)");
         Error::new(ErrorKind::FileTooLarge, words)
     };
     if stated > most_bytes {
@@ -60,7 +60,7 @@ fn is_regular(kind: FileType) -> Result<()> {
         kind if kind.is_socket() => "a socket",
         _ => "a device",
     };
-    let words = format!("is {found}; a regular file is needed (copy its content into one)");
+    let words = format!("the path is {found}, not a regular file; copy the content into a regular file");
     Err(Error::new(ErrorKind::InvalidInput, words))
 }
 
@@ -90,9 +90,9 @@ mod tests {
         std::fs::write(&file, b"12345").expect("written");
         assert_eq!(read_at_most(&file, 5).expect("fits"), b"12345");
         let error = read_at_most(&file, 4).expect_err("too large").to_string();
-        assert!(error.contains("is 5 bytes or more") && error.contains("4 bytes at most"), "{error}");
+        assert!(error.contains("has at least 5 bytes") && error.contains("limit 4 bytes"), "{error}");
         // Sparse: the file needs no disk space, but reading it would need the memory.
         File::create(&file).and_then(|file| file.set_len(MAX_BYTES + 1)).expect("grown");
-        assert!(read(&file).expect_err("too large").to_string().contains("536870912 bytes at most"));
+        assert!(read(&file).expect_err("too large").to_string().contains("limit 536870912 bytes"));
     }
 }

@@ -19,10 +19,12 @@ const MAX_DECIMALS: usize = 15;
 pub fn printable(text: &str, most_characters: usize) -> Result<(), String> {
     match text.chars().count() {
         _ if text.trim() != text || text.is_empty() => {
-            Err("it is empty, or begins or ends with a space".to_owned())
+            Err("the text is empty, or begins or ends with a space".to_owned())
         }
-        count if count > most_characters => Err(format!("it is longer than {most_characters} characters")),
-        _ if text.chars().any(char::is_control) => Err("it has control characters, such as a line feed".to_owned()),
+        count if count > most_characters => Err(format!("the text is longer than {most_characters} characters")),
+        _ if text.chars().any(char::is_control) => {
+            Err("the text contains control characters, such as a line feed".to_owned())
+        }
         _ => Ok(()),
     }
 }

@@ -149,7 +149,10 @@ impl CycleRecord {
         // The verdict of a run in the air refers only to the motions.
         let needs_film = verdict == Verdict::Pass && !self.is_air_run();
         let no_film = (needs_film && !conclusion::is_shown_by_a_film(&self.findings)).then(|| {
-            format!("cycle {} has the verdict pass, but its last film or abrasion is no film that passed", self.id)
+            format!(
+                "cycle {} has the verdict pass, but its last film did not pass, or an abrasion followed it",
+                self.id
+            )
         });
         let contradicting = conclusion::unearned(self.id, verdict, &self.findings, &self.asked);
         contradicting.into_iter().chain(no_film).collect()

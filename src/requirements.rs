@@ -68,15 +68,16 @@ fn names(cell: &Cell, simulates: bool) -> Vec<Unmet> {
     for output in Output::ALL.iter().copied() {
         let (name, feedback) = (output.name(), output.feedback());
         if io.output(output).is_none() {
-            let message = "is missing; a cycle switches it: state the number n of its $OUT[n]";
+            let message = "is missing; a cycle switches this output: state the number n of its $OUT[n]";
             missing.push(Unmet::new(format!("io.outputs.{name}"), message));
         }
         // The light is proven by its output as the controller reports it, and by `light_on` only if that feedback
         // exists.
         let is_read = simulates || output != Output::Light;
         if is_read && io.feedback(feedback).is_none() {
-            let message =
-                format!("is missing; it proves that {name} was switched: state the number n of its $IN[n]");
+            let message = format!(
+                "is missing; this feedback proves that {name} was switched: state the number n of its $IN[n]"
+            );
             missing.push(Unmet::new(format!("io.feedbacks.{}", feedback.name()), message));
         }
     }
@@ -113,8 +114,9 @@ fn poses(cell: &Cell) -> Vec<Unmet> {
     let ways = first.into_iter().chain(both.flat_map(|(park, ready)| [(*park, *ready), (*ready, *park)]));
     let met = |((from, start), (to, end)): ((&str, Joints), (&str, Joints))| {
         let obstacle = joint_motion(&arm, no_tool, &start, &end).err()?;
-        let way = if from == to { "there".to_owned() } else { format!("on the way from [poses] {from} to it") };
-        Some(Unmet::new(format!("poses.{to}"), format!("the arm cannot go: {way} {obstacle}")))
+        let way =
+            if from == to { "in this pose,".to_owned() } else { format!("on the motion from [poses] {from}:") };
+        Some(Unmet::new(format!("poses.{to}"), format!("the arm cannot reach this pose: {way} {obstacle}")))
     };
     let mut met: Vec<Unmet> = ways.filter_map(met).collect();
     met.truncate(1);
@@ -141,8 +143,8 @@ fn beyond(cell: &Cell, name: &str, pose: &Joints) -> Vec<Unmet> {
 
 fn limits(cell: &Cell) -> Vec<Unmet> {
     let Some(space) = cell.limits().workspace() else {
-        let message = "is missing, as is box_max_mm; without a box for the tool's tip the robot makes no linear \
-                       motions";
+        let message = "is missing, and box_max_mm, too; without this box for the tool centre point (TCP), the robot \
+                       makes no linear motions";
         return vec![Unmet::new("limits.box_min_mm", message)];
     };
     let [low, high] = [space.min, space.max].map(|corner| [corner.mm.x, corner.mm.y, corner.mm.z]);
@@ -173,7 +175,7 @@ fn calibrations(cell: &Cell) -> Vec<Unmet> {
     ];
     let missing = named.into_iter().filter(|(_, is_named)| !is_named);
     let message =
-        "is missing; name the file, as `panelprep calibrate` writes it or `panelprep render` for a simulated cell";
+        "is missing; name the file that `panelprep calibrate` writes, or `panelprep render` for a simulated cell";
     missing.map(|(key, _)| Unmet::new(format!("calibration.{key}"), message)).collect()
 }
 
@@ -183,8 +185,8 @@ fn cameras(cell: &Cell) -> Vec<Unmet> {
     let robot = cell.robot();
     if robot.kind() == RobotKind::Eki && !robot.is_on_this_machine() {
         let message = format!(
-            "found \"simulated\", which shows a simulated world, but [robot] is a controller at {}; name the real \
-             camera or a recording, or rehearse with `panelprep mock-robot` and host = \"127.0.0.1\"",
+            "found \"simulated\", a camera of the simulated cell, but [robot] is a controller at {}; configure the \
+             real camera or a recording, or test with `panelprep mock-robot` and host = \"127.0.0.1\"",
             robot.host()
         );
         let simulated = simulated(cell).into_iter().filter(|(_, is)| *is);
@@ -200,7 +202,8 @@ fn cameras(cell: &Cell) -> Vec<Unmet> {
         }
     }
     if cfg!(not(feature = "gige")) && matches!(cell.flange_camera(), Camera::Device(_)) {
-        let message = "found \"gige\", but this program was built without the cargo feature gige; use one that was built with it; without it, only \"simulated\" and \"recorded\" are allowed";
+        let message = "found \"gige\", but this program was built without the cargo feature gige; use a build with \
+                       this feature; valid without it: \"simulated\" and \"recorded\"";
         wrong.push(Unmet::new("flange_camera.kind", message));
     }
     wrong

@@ -36,9 +36,9 @@ impl fmt::Display for ThreadFault {
         let ThreadFault { thread, what } = self;
         match what {
             Failure::Panicked => write!(f, "the thread \"{thread}\" panicked")?,
-            Failure::Ended => write!(f, "the thread \"{thread}\" ended by itself")?,
+            Failure::Ended => write!(f, "the thread \"{thread}\" ended unexpectedly")?,
             Failure::Silent(since) => {
-                write!(f, "the thread \"{thread}\" has not answered for {:.1} s", since.as_secs_f64())?;
+                write!(f, "the thread \"{thread}\" has not responded for {:.1} s", since.as_secs_f64())?;
             }
         }
         f.write_str("; this is a fault of the program: the robot is stopped and the program ends")
@@ -218,7 +218,7 @@ mod injected {
         if FILE.is_some() { silence.min(Duration::from_secs(3)) } else { silence }
     }
 
-    #[expect(clippy::panic, reason = "the fault that is asked for")]
+    #[expect(clippy::panic, reason = "the requested test fault")]
     pub(super) fn fails(thread: &str) {
         // A second panic while the first one unwinds would end the process before it could report.
         if std::thread::panicking() {
@@ -278,7 +278,7 @@ mod tests {
         thread.works();
         assert_eq!(supervisor.check(), Ok(()));
         std::thread::sleep(2 * LIMIT);
-        assert!(words(&supervisor).contains("the thread \"link\" has not answered for 0.0"));
+        assert!(words(&supervisor).contains("the thread \"link\" has not responded for 0.0"));
         thread.works();
         assert_eq!(supervisor.check(), Ok(()));
         thread.rests();
@@ -293,7 +293,7 @@ mod tests {
         supervisor.watch(watched);
         thread.works();
         drop(thread);
-        assert!(words(&supervisor).contains("\"socket\" ended by itself"));
+        assert!(words(&supervisor).contains("\"socket\" ended unexpectedly"));
 
         let supervisor = Supervisor::default();
         let (thread, watched) = supervised("recorder", Duration::MAX);

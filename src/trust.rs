@@ -30,10 +30,13 @@ impl TrustError {
 /// If the file cannot be read, or its first line is empty.
 pub fn secret(file: &Path) -> Result<String, TrustError> {
     let bytes = disk::read(file).map_err(|error| TrustError::new(file, error))?;
-    let text = String::from_utf8(bytes).map_err(|_| TrustError::new(file, "it is not valid UTF-8 text"))?;
+    let text = String::from_utf8(bytes).map_err(|_| TrustError::new(file, "the file is not valid UTF-8 text"))?;
     match text.lines().next().map(str::trim_end).filter(|line| !line.is_empty()) {
         Some(secret) => Ok(secret.to_owned()),
-        None => Err(TrustError::new(file, "its first line is empty; write the password or token there")),
+        None => Err(TrustError::new(
+            file,
+            "the first line of the file is empty; write the password or token into this line",
+        )),
     }
 }
 
@@ -56,17 +59,18 @@ pub fn client_config(authorities: &Path, own: Option<&[PathBuf; 2]>) -> Result<C
     let chain = certificates(file)?;
     let key = disk::read(key_file).map_err(|error| TrustError::new(key_file, error))?;
     let key = PrivateKeyDer::from_pem_slice(&key)
-        .map_err(|error| TrustError::new(key_file, format!("it is no PEM private key: {error}")))?;
-    let failed = |error| TrustError::new(file, format!("it cannot be shown with this key: {error}"));
+        .map_err(|error| TrustError::new(key_file, format!("the file is not a PEM private key: {error}")))?;
+    let failed =
+        |error| TrustError::new(file, format!("the certificate cannot be used with its private key: {error}"));
     builder.with_client_auth_cert(chain, key).map_err(failed)
 }
 
 fn certificates(file: &Path) -> Result<Vec<CertificateDer<'static>>, TrustError> {
     let bytes = disk::read(file).map_err(|error| TrustError::new(file, error))?;
     let read: Result<Vec<_>, _> = CertificateDer::pem_slice_iter(&bytes).collect();
-    let all = read.map_err(|error| TrustError::new(file, format!("it is no PEM certificate: {error}")))?;
+    let all = read.map_err(|error| TrustError::new(file, format!("the file is not a PEM certificate: {error}")))?;
     if all.is_empty() {
-        return Err(TrustError::new(file, "it holds no PEM certificate"));
+        return Err(TrustError::new(file, "the file contains no PEM certificate"));
     }
     Ok(all)
 }
@@ -85,9 +89,10 @@ mod tests {
         };
         assert_eq!(read(b"pass word\r\nsecond line\n"), Ok("pass word".to_owned()));
         assert_eq!(read(b"alone"), Ok("alone".to_owned()));
-        let empty = Err("its first line is empty; write the password or token there".to_owned());
+        let empty =
+            Err("the first line of the file is empty; write the password or token into this line".to_owned());
         assert_eq!([read(b""), read(b"\nsecond\n")], [empty.clone(), empty]);
-        assert_eq!(read(&[0xff]), Err("it is not valid UTF-8 text".to_owned()));
+        assert_eq!(read(&[0xff]), Err("the file is not valid UTF-8 text".to_owned()));
         let missing = secret(&folder.path().join("none")).expect_err("not there");
         assert!(missing.to_string().ends_with("none: No such file or directory (os error 2)"), "{missing}");
     }
@@ -98,11 +103,11 @@ mod tests {
         let file = folder.path().join("ca.pem");
         std::fs::write(&file, "no certificate").expect("written");
         let error = client_config(&file, None).expect_err("nothing in it");
-        assert!(error.to_string().ends_with("ca.pem: it holds no PEM certificate"), "{error}");
+        assert!(error.to_string().ends_with("ca.pem: the file contains no PEM certificate"), "{error}");
         let own = rcgen::generate_simple_self_signed(vec!["server".to_owned()]).expect("a certificate");
         std::fs::write(&file, own.cert.pem()).expect("written");
         assert!(client_config(&file, None).is_ok());
         let error = client_config(&file, Some(&[file.clone(), file.clone()])).expect_err("no key");
-        assert!(error.to_string().contains("ca.pem: it is no PEM private key"), "{error}");
+        assert!(error.to_string().contains("ca.pem: the file is not a PEM private key"), "{error}");
     }
 }

@@ -105,7 +105,7 @@ fn a_damaged_backup_is_told_and_changes_nothing() {
     assert!(told["found"][0].as_str().is_some_and(|words| words.contains("is damaged: its SHA-256")), "{told}");
     assert!(!folder.join("other").exists());
     let (exit, told) = json(folder, "restore cell/cell.toml --cell other/cell.toml");
-    assert!(exit == 1 && told["found"].to_string().contains("is no backup"), "{told}");
+    assert!(exit == 1 && told["found"].to_string().contains("is not a backup"), "{told}");
 }
 
 /// Other programs can also open it, if they are installed.

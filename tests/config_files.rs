@@ -62,7 +62,9 @@ fn the_programs_that_ship_are_right_and_one_bad_file_hides_no_other() {
     let (exit, text) = run(&folder, &programs);
     assert!(exit == Some(0) && !text.contains("warning"), "{text}");
     assert!(
-        text.contains("cell_motion.src: ok\n  a program: routines that other files see: CELL_MOTION; 12 more"),
+        text.contains(
+            "cell_motion.src: ok\n  a program: routines visible to other files: CELL_MOTION; 12 local routines"
+        ),
         "{text}"
     );
     assert!(text.contains("cell_data.dat: ok\n  a data list: "), "{text}");
@@ -78,7 +80,7 @@ fn the_programs_that_ship_are_right_and_one_bad_file_hides_no_other() {
     let (exit, text) = run(copies.path(), &[&programs[..], &["torn.xml", "missing.xml"]].concat());
     assert_eq!(exit, Some(2), "{text}");
     assert!(
-        text.contains("cell_user.src: not right\n  line 16: CELL_USER_0: 1 arguments are given, 0 are expected"),
+        text.contains("cell_user.src: not right\n  line 16: CELL_USER_0: found 1 arguments, expected 0"),
         "{text}"
     );
     assert!(text.contains("torn.xml: not right\n  line 1: "), "{text}");

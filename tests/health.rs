@@ -136,7 +136,7 @@ fn a_look_that_says_nothing_is_refused_or_struck_out() {
     assert!(kept[1]["struck"].is_null() && kept[0]["error_mm"].as_f64().is_some_and(|mm| mm < 0.5), "{kept}");
     let (exit, told) = json(folder, strike);
     let message = told["reasons"][0]["message"].as_str().unwrap_or_default();
-    assert!(exit == 2 && message.contains("struck out already, by inspector"), "{told}");
+    assert!(exit == 2 && message.contains("already struck out, by inspector"), "{told}");
     assert_eq!(json(folder, &strike.replace("strike 1", "strike 9")).0, 2);
 }
 
@@ -149,7 +149,7 @@ fn a_look_without_its_target_is_refused() {
         (VERIFY[1].replace("--flange cell/target/flange.json", ""), "--flange is missing"),
         (VERIFY[0].replace("--target cell/target/scanner.toml", ""), "--target for a board"),
         (VERIFY[0].replace("scanner.png", "flange_camera.png"), "the camera's calibration is for"),
-        (VERIFY[0].replace("--board 5x4", "--board 7x6"), "this target is the board --board 5x4 --square-mm 40"),
+        (VERIFY[0].replace("--board 5x4", "--board 7x6"), "the target file states --board 5x4 --square-mm 40"),
         (VERIFY[0].replace("--square-mm 40", "--square-mm 30"), "the command states --board 5x4 --square-mm 30"),
         (VERIFY[0].replace("--board 5x4", "--board 4x5"), "the command states --board 4x5"),
         (format!("{} --points cell/target/touched.toml", TOUCH.replace("40", "30")), "the command states"),

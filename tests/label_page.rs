@@ -110,7 +110,7 @@ fn a_clip_is_labelled_and_is_its_own_truth() {
         problems.contains("break 1: it begins at") && problems.contains("after the clip's last wet picture"),
         "{problems}"
     );
-    assert!(problems.contains("break 2") && problems.contains("it has 2 corners, at least 3"), "{problems}");
+    assert!(problems.contains("break 2") && problems.contains("found 2 corners, at least 3"), "{problems}");
     assert!(!clip_folder.join("labels.json").exists());
 
     // A drawing that is not saved is shown again after a reload.
@@ -120,7 +120,10 @@ fn a_clip_is_labelled_and_is_its_own_truth() {
         Some(dom) => {
             let count = |what: &str| dom.matches(what).count();
             assert_eq!((count("class=\"area open"), count("class=\"grid\"")), (2, 24), "{dom}");
-            assert!(dom.contains("This was drawn and is not saved yet.") && dom.contains("cell/clip"), "{dom}");
+            assert!(
+                dom.contains("The drawing is a draft and is not saved yet.") && dom.contains("cell/clip"),
+                "{dom}"
+            );
             assert!(dom.contains(&format!("picture {} of {}", shots.len() / 2, shots.len())), "{dom}");
         }
         None => eprintln!("not run: there is no chromium on this computer, so nobody looked at the page"),

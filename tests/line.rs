@@ -40,7 +40,7 @@ fn a_line_has_its_parts_prepared() {
     service.wait("the second cycle", |_| store().ended_cycles().expect("read").len() == 2);
     std::fs::rename(&recipe, folder.join("gone.toml")).expect("away");
     service
-        .wait("a third start is refused", |service| service.log().contains("requests a start, which is refused"));
+        .wait("a third start is refused", |service| service.log().contains("requested a start, which was refused"));
     service.reach("idle");
     std::fs::rename(folder.join("gone.toml"), &recipe).expect("back");
     // This is longer than the wait of a line that requests again.

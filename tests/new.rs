@@ -221,7 +221,7 @@ fn an_answer_that_the_cell_cannot_have_is_asked_again() {
         ("\"-90,-300,120,0,60,0\": poses.park.a2_deg: found -300", 1),
         ("limits.box_max_mm: ", 2),
         ("are these metres?", 1),
-        ("least corner of the box", 3),
+        ("minimum corner of the box", 3),
         ("the store's folder", 1),
     ] {
         assert_eq!(asked.matches(words).count(), times, "{words}: {asked}");

@@ -120,15 +120,21 @@ fn a_line_sees_and_runs_the_cell_as_each_role() {
         assert!(has("log in", Some(role.word()), "", None), "{role:?}: {audit:#?}");
     }
     assert!(has("log in", Some("viewer"), "", Some("wrong name or password")), "{audit:#?}");
-    assert!(has("request", Some("viewer"), "Start", Some("the role viewer may not do this")), "{audit:#?}");
-    assert!(has("request", Some("inspector"), "Unhold", Some("the role inspector may not")), "{audit:#?}");
-    assert!(has("request", Some("operator"), "Hold", Some("too many calls in a row")), "{audit:#?}");
+    assert!(
+        has("request", Some("viewer"), "Start", Some("the role viewer has no permission for this call")),
+        "{audit:#?}"
+    );
+    assert!(
+        has("request", Some("inspector"), "Unhold", Some("the role inspector has no permission")),
+        "{audit:#?}"
+    );
+    assert!(has("request", Some("operator"), "Hold", Some("too many calls in a short time")), "{audit:#?}");
     assert!(has("acknowledge alarm", Some("inspector"), "raised", None), "{audit:#?}");
     let unknown = audit.iter().filter(|line| line.what == "connect");
     let names = |line: &&AuditEntry| line.subject.as_deref().is_some_and(|subject| subject.contains("CN=line"));
     let unknown = unknown.clone().find(names).expect("a certificate that was turned away");
     let todo = unknown.refused.as_deref().unwrap_or_default();
-    assert!(todo.contains("move it from rejected to trusted"), "{unknown:?}");
+    assert!(todo.contains("move the certificate from rejected to trusted"), "{unknown:?}");
 
     // The record names the caller, as it does for requests from the page.
     let store = Store::open(&folder.join("cell/store")).expect("a store");
@@ -143,7 +149,8 @@ fn a_line_sees_and_runs_the_cell_as_each_role() {
     assert!(who.contains(&"operator, through OPC UA".to_owned()), "{who:?}");
     assert!(who.contains(&"viewer, through OPC UA".to_owned()), "a viewer stopped it: {who:?}");
     // A flood of a thousand calls leaves only a few lines in the audit trail.
-    let lines = audit.iter().filter(|line| line.refused.as_deref() == Some("too many calls in a row")).count();
+    let lines =
+        audit.iter().filter(|line| line.refused.as_deref() == Some("too many calls in a short time")).count();
     assert!(lines <= 2, "{lines}");
 }
 
@@ -259,9 +266,9 @@ fn nonsense_on_the_port_changes_nothing() {
     service.wait("it answers as before", |_| acknowledges(&address));
     let log = service.log();
     assert!(!log.contains("fault of the program"), "{log}");
-    let turned_away = audit(folder)
-        .iter()
-        .any(|line| line.refused.as_ref().is_some_and(|refused| refused.ends_with("connections too many")));
+    let turned_away = audit(folder).iter().any(|line| {
+        line.refused.as_ref().is_some_and(|refused| refused.ends_with("connections rejected: too many connections"))
+    });
     assert!(turned_away, "a hundred connections of one address are too many, and the audit trail says so");
 }
 

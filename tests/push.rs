@@ -273,13 +273,13 @@ fn a_server_is_trusted_by_its_certificate_and_knows_the_cell_by_its_token() {
         }
     };
     let sender = start(push.clone());
-    told("2 signed records are not in the quality system");
+    told("2 signed records have not reached the quality system");
     told("invalid peer certificate");
     assert!(server.taken().asked.is_empty(), "nothing is told to a server that is not trusted");
     std::fs::write(folder.join("ca.pem"), own.cert.pem()).expect("written");
-    told("the server answers 401 Unauthorized: no such token");
+    told("the server responded 401 Unauthorized: no such token");
     *step.lock().expect("whole") = Does::Answers("307 Temporary Redirect\r\nlocation: https://elsewhere/x\r\n|");
-    told("it redirects us to https://elsewhere/x; write the address that accepts records into [push] to");
+    told("the server redirects to https://elsewhere/x; write the address that accepts records into [push] to");
     *step.lock().expect("whole") = Does::Takes;
     server.wait_for("cycle-2.json");
     assert!(server.taken().authorizations.iter().all(|sent| sent.as_deref() == Some("Bearer a-token")));

@@ -103,12 +103,12 @@ fn a_kill_in_contact_leaves_grids_that_count_as_abraded() {
         let executed = motion.executed().expect("it was bounded");
         if executed.at_most == 0 {
             // The kill came between the journal's line and the motion's row: nothing was permitted yet.
-            assert!(page.contains("no part of it was permitted to be sent"), "{page}");
+            assert!(page.contains("no part of the motion was released for sending"), "{page}");
             assert!(page.contains("Nothing: the tool touched no grid."), "{page}");
             continue;
         }
         let bounds = format!(
-            "its end is not known: at least {} and at most {} of {} waypoints were executed",
+            "the end of the motion is unknown: at least {} and at most {} of {} waypoints were executed",
             executed.at_least, executed.at_most, motion.motion.waypoints
         );
         assert!(page.contains(&bounds), "no {bounds} in\n{page}");
@@ -116,7 +116,7 @@ fn a_kill_in_contact_leaves_grids_that_count_as_abraded() {
         let touched = motion.touched().expect("it was kept");
         assert!(!touched.is_empty(), "{motion:?}");
         for grid in touched {
-            let words = if grid.is_sure { "touched, it is not known how much" } else { "perhaps, it is not known" };
+            let words = if grid.is_sure { "touched, extent unknown" } else { "possibly touched, not confirmed" };
             assert!(
                 page.contains(&format!("<td>{}</td><td>pass 1: {words}", grid.grid)),
                 "{} in\n{page}",

@@ -144,7 +144,7 @@ fn every_change_of_a_folder_is_refused(at: &Path) {
         "another name",
         &|folder| moved(folder, "cycle-1", "cycle-7"),
         [
-            "cycle-7.json holds record number 1, of cycle 1: it was exchanged",
+            "cycle-7.json contains record number 1 of cycle 1, not the record in its file name",
             "cycle-7.json holds the record that was cycle-1.json",
         ],
     );
@@ -157,7 +157,7 @@ fn every_change_of_a_folder_is_refused(at: &Path) {
                 fs::copy(one, other).expect("copied");
             }
         },
-        ["are the same record", "both are record number 1"],
+        ["contain the same record", "both are record number 1"],
     );
     both_refuse(
         at,
@@ -170,7 +170,7 @@ fn every_change_of_a_folder_is_refused(at: &Path) {
             signed_by_the_cell(at, &folder.join("cycle-1"), other.as_bytes());
         },
         [
-            "does not follow from record number 0",
+            "does not contain the hash of record number 0",
             "cycle-1.json is the first record, and names another one before it",
         ],
     );

@@ -156,7 +156,7 @@ fn own_programs_are_executed_or_the_line_that_is_not_is_named() {
     assert!(lines.any(|line| line.contains("outputs on: ") && line.contains("301")), "its own output");
     let (exit, told) = call(2);
     assert_eq!(exit, 3, "{told}");
-    let stopped = lines.find(|line| line.contains("the programs stopped")).expect("told");
+    let stopped = lines.find(|line| line.contains("the KRL programs stopped")).expect("told");
     assert!(stopped.contains("cell_user.src") && stopped.contains(&circle.to_string()), "{stopped}");
     drop(mock);
 

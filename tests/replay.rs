@@ -129,7 +129,7 @@ fn what_cannot_be_replayed_is_refused_in_words() {
     let cut = bytes.len() * 3 / 4;
     let scan = fs::read(fixture("pcl/shot_ascii.pcd")).expect("the fixture");
     for (bytes, words) in
-        [(&bytes[..cut], "was not finished"), (&scan[..], "no MCAP file"), (&bytes[..0], "no MCAP")]
+        [(&bytes[..cut], "was not finished"), (&scan[..], "not an MCAP file"), (&bytes[..0], "not an MCAP")]
     {
         fs::write(&file, bytes).expect("written");
         let (exit, told) = replay(&file);

@@ -248,6 +248,6 @@ fn what_is_to_be_proven_is_gone_through() {
     assert!(page.contains("trace 1") && page.contains("it stopped") && page.contains("By Ada"), "{page}");
     assert_eq!(page.matches("<tr class=").count(), proofs.len());
     // It was a mock controller, which proves nothing: the page states this, and cannot be signed.
-    assert!(page.contains("proves nothing about a real one") && !page.contains("signature"), "{page}");
+    assert!(page.contains("proves nothing about a real controller") && !page.contains("signature"), "{page}");
     assert!(told["mock"] == true && told["reasons"][0]["code"] == "mock_controller", "{told}");
 }

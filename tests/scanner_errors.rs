@@ -66,7 +66,7 @@ fn a_bent_scanner_is_straightened_by_scans_of_a_board() {
     assert!(after_mm < found["uncertainty_mm"].as_f64().expect("stated"), "{after_mm} {found}");
     let (exit, told) = json(folder, "check cell/scanner.toml");
     assert_eq!(exit, 0, "{told}");
-    assert!(told.to_string().contains("its own errors"), "{told}");
+    assert!(told.to_string().contains("measurement errors of the camera"), "{told}");
 }
 
 /// Seven scans give a verdict, and a picture without depth gives an error.

@@ -184,7 +184,7 @@ fn shots_are_taken_by_the_service_while_the_cell_rests() {
     assert!(folder.join("film/clip.csv").is_file());
     let (exit, told) = shoot("scan --out shots");
     assert!(
-        exit == 2 && told["reasons"].to_string().contains("at rest in its park pose"),
+        exit == 2 && told["reasons"].to_string().contains("at standstill in its park pose"),
         "the arm is in the way: {told}"
     );
     assert!(json(folder, "doctor --cell cell/cell.toml").1.to_string().contains("idle"));
@@ -192,7 +192,10 @@ fn shots_are_taken_by_the_service_while_the_cell_rests() {
     service.done(START);
     service.wait("work", |service| service.state() == "execute");
     let (exit, told) = shoot("corner --out during");
-    assert!(exit == 2 && told["reasons"].to_string().contains("the cell is at work"), "{told}");
+    assert!(
+        exit == 2 && told["reasons"].to_string().contains("the service is using the cameras for a cycle"),
+        "{told}"
+    );
     assert!(!folder.join("during").exists());
     service.reach("complete");
     assert_eq!(service.done("state")["verdict"], "pass", "nobody disturbed it");

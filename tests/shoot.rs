@@ -55,9 +55,9 @@ fn cameras_without_a_calibration_take_pictures() {
     // Dry pictures are never marked as wet: with a spray, the command must state when the spray is over.
     for (phases, words) in [
         ("--spray-from-s 0.4", "give --wet-from-s"),
-        ("--spray-from-s 0.6 --wet-from-s 0.3", "the wet pictures after it"),
+        ("--spray-from-s 0.6 --wet-from-s 0.3", "the wet pictures after the spray"),
         ("--spray-from-s 0.4 --wet-from-s 3", "both within the film"),
-        ("--spray-from-s nan --wet-from-s 0.5", "the spray must begin at 0 or later"),
+        ("--spray-from-s nan --wet-from-s 0.5", "the spray must begin at 0 s or later"),
     ] {
         let (exit, told) = shoot(&format!("film --seconds 1 {phases} --out other"));
         assert!(exit == 2 && told["reasons"].to_string().contains(words), "{phases}: {told}");
@@ -81,5 +81,8 @@ fn cameras_without_a_calibration_take_pictures() {
     let (exit, told) = shoot("film --seconds 60 --out again");
     assert!(exit == 0 && number(&told, "pictures") >= 4.0, "{told}");
     let doctor = json(folder, "doctor --cell cell.toml").1.to_string();
-    assert!(!doctor.contains("calibrate first") && doctor.contains("recorded shots are played"), "{doctor}");
+    assert!(
+        !doctor.contains("calibrate first") && doctor.contains("recorded: the shots are read from a recording"),
+        "{doctor}"
+    );
 }

@@ -32,16 +32,19 @@ fn a_number_out_of_range_is_told_with_what_is_allowed() {
     for (arguments, words) in [
         ("robot move-lin 1,2,3,4,5,6 --speed-mm-s 0", ["--speed-mm-s \"0\"", "1 to 250 mm/s"]),
         ("robot move-lin 1,2,3,4,5,6 --speed-mm-s -5", ["--speed-mm-s \"-5\"", "1 to 250 mm/s"]),
-        ("robot set-speed 1000", ["\"1000\"", "1 to 250 mm/s, max_speed_mm_s"]),
+        ("robot set-speed 1000", ["\"1000\"", "1 to 250 mm/s ([limits] max_speed_mm_s"]),
         ("robot set-speed -1", ["\"-1\"", "1 to 250 mm/s"]),
         ("shoot film --out f --seconds -1", ["'-1'", "the limits are 0.1 to 600 s"]),
-        ("shoot scan --out f --line-parts 3", ["--line-parts is for a whole cycle", "leave it out"]),
-        ("shoot scan --out f --tool-fault silent@40", ["--tool-fault is for a whole cycle", "leave it out"]),
+        ("shoot scan --out f --line-parts 3", ["--line-parts is for a whole cycle", "leave the option out"]),
+        (
+            "shoot scan --out f --tool-fault silent@40",
+            ["--tool-fault is for a whole cycle", "leave the option out"],
+        ),
         ("render --out r --clips 100000", ["100000", "0..=1000"]),
         ("new recipe --yes --panel door --rows 0 --out n.toml", ["--rows \"0\"", "1 to 50"]),
         ("new recipe --yes --panel door --columns -2 --out n.toml", ["--columns \"-2\"", "1 to 50"]),
         ("new recipe --yes --out n.toml", ["give --panel", "has no answer"]),
-        ("record verify nofile --public-key key.pem", ["nofile", "is not there"]),
+        ("record verify nofile --public-key key.pem", ["nofile", "does not exist"]),
         ("store renew --why=", ["--why", "must not be empty"]),
     ] {
         refused(folder, &format!("{arguments} --cell cell.toml"), &words);
@@ -65,7 +68,10 @@ fn a_file_that_cannot_be_read_is_told_by_its_line() {
     let check = |file: &str| String::from_utf8(panelprep(folder, &format!("check {file}")).stdout).expect("UTF-8");
     let (toml, xml, missing) = (check("bad.toml"), check("bad.xml"), check("nothere.toml"));
     assert!(toml.contains("  line 2 is not UTF-8; save the file as UTF-8\n") && !toml.contains("XML"), "{toml}");
-    assert!(xml.contains("warning, line 2: encoding: is not UTF-8, which XML without a declaration is"), "{xml}");
+    assert!(
+        xml.contains("warning, line 2: encoding: the file is not UTF-8, the encoding of XML without a declaration"),
+        "{xml}"
+    );
     assert!(missing.contains("  nothere.toml: ") && !missing.contains("line 1"), "{missing}");
     refused(folder, "robot state --cell bad.toml", &["bad.toml", "line 2 is not UTF-8; save the file as UTF-8"]);
     refused(folder, "calibrate tcp --poses empty.toml --cell cell.toml", &["empty.toml"]);
@@ -79,7 +85,7 @@ fn to_list_accounts_makes_no_store() {
     fs::write(folder.join("cell.toml"), CELL).expect("written");
     for task in ["list", "password ada", "role ada operator", "disable ada", "enable ada"] {
         let (exit, told) = json(folder, &format!("user {task} --cell cell.toml --store typo"));
-        assert!(exit == 2 && told["reasons"].to_string().contains("no store in typo"), "{task}: {told}");
+        assert!(exit == 2 && told["reasons"].to_string().contains("no store found in typo"), "{task}: {told}");
         assert!(!folder.join("typo").exists(), "{task}");
     }
 }

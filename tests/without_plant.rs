@@ -42,10 +42,10 @@ certificates = 'cell.toml'
     let service = Service::start(folder);
     for words in [
         "operator's page: cell/none.pem: No such file or directory (os error 2); check the files that [page] in the cell's file names",
-        "the way of records to the office does not work: cell/no-ca.pem: No such file",
-        "the way of signed records to the quality system does not work: cell/no-token: No such file",
+        "the transfer of records to the office does not work: cell/no-ca.pem: No such file",
+        "the transfer of signed records to the quality system does not work: cell/no-token: No such file",
         "MQTT Sparkplug: no connection to localhost:1: cell/no-password: No such file",
-        "OPC UA server: its certificates: cell/cell.toml/own: Not a directory",
+        "OPC UA server: certificate file cell/cell.toml/own: Not a directory",
     ] {
         service.wait(words, |service| service.log().contains(words));
     }

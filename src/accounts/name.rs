@@ -9,7 +9,8 @@ pub const MAX_PRINTED: usize = 80;
 /// Why a text is not a valid account name.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "found \"{}\"; an account's name has 1 to 40 of the characters a to z, 0 to 9, dot, hyphen and underscore, and begins with a letter",
+    "\"{}\" is not a valid account name; valid: 1 to 40 of the characters a to z, 0 to 9, dot, hyphen and \
+     underscore, beginning with a letter",
     found.escape_debug()
 )]
 pub struct NameError {

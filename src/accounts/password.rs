@@ -23,7 +23,9 @@ pub enum PasswordError {
         found: usize,
     },
     /// A password that anyone would try.
-    #[error("the password is the account's name, or one repeated character; choose words that nobody would guess")]
+    #[error(
+        "the password is the account's name, or one repeated character; choose a password that is hard to guess"
+    )]
     Obvious,
     /// The hash could not be computed.
     #[error("the password could not be hashed: {0}")]

@@ -137,13 +137,13 @@ fn record(row: &Row, cell: &str, checked: &mut CheckedCell, statements: &mut BTr
         _ => None,
     };
     let Some(body) = body else {
-        checked.found.push(format!("{name}: its kind is \"{word}\", which does not fit the rest of its row"));
+        checked.found.push(format!("{name}: the kind \"{word}\" does not match the rest of the row"));
         return Listed { position, kind: kind.unwrap_or(Kind::Cycle), hash };
     };
     let envelope = Envelope { position, unix_ms, body };
     let listed = envelope.listed();
     if listed.hash != hash {
-        checked.found.push(format!("{name} was changed: its SHA-256 is {}, it came with {hash}", listed.hash));
+        checked.found.push(format!("{name} was changed: its SHA-256 is {}, but {hash} was received", listed.hash));
     }
     match read_again(cell, envelope) {
         Err(problem) => checked.found.push(format!("{name}: {problem}")),
@@ -179,8 +179,8 @@ fn gap(before: &Position, here: &Position, found: &mut Vec<String>) {
     if first > last {
         return;
     }
-    let numbers = if first == last { format!("number {first}") } else { format!("numbers {first} to {last}") };
-    found.push(format!("{numbers} of epoch {} never came", here.epoch));
+    let numbers = if first == last { format!("record {first}") } else { format!("records {first} to {last}") };
+    found.push(format!("{numbers} of epoch {}: not received", here.epoch));
 }
 
 /// Finds statements that are missing, that do not follow from the one before, or that occur twice under one number.
@@ -200,13 +200,16 @@ fn unchained(statements: &BTreeMap<u64, Vec<Link>>) -> Vec<String> {
             None if *number == 1 => Some(BEGIN),
             _ => {
                 let first = before.map_or(1, |(last, _)| last + 1);
-                found.push(format!("signed records number {first} to {} are missing", number - 1));
+                found.push(format!("signed records {first} to {} are missing", number - 1));
                 None
             }
         };
         let Some((hash, previous)) = links.first() else { continue };
         if expected.is_some_and(|expected| expected != previous) {
-            found.push(format!("signed record number {number} does not follow from number {}", number - 1));
+            found.push(format!(
+                "the chain is broken: signed record {number} does not contain the hash of record {}",
+                number - 1
+            ));
         }
         before = Some((*number, hash));
     }
@@ -219,7 +222,7 @@ async fn contradictions(client: &Client, cell: &str, checked: &mut CheckedCell) 
     checked.found.extend(rows.iter().map(|row| {
         let Position { epoch, number } = position(row);
         let hash: String = row.get(2);
-        format!("number {number} of epoch {epoch} came a second time with the SHA-256 {hash}")
+        format!("record {number} of epoch {epoch} was received a second time with the SHA-256 {hash}")
     }));
     Ok(())
 }
@@ -237,7 +240,7 @@ async fn files_of(
         match files.held(&hash)? {
             Held::Whole => checked.files += 1,
             Held::Missing if is_gone => checked.gone += 1,
-            Held::Missing => checked.found.push(format!("the file {hash}, {name}, never came")),
+            Held::Missing => checked.found.push(format!("the file {hash}, {name}, was not received")),
             Held::Damaged(found) => {
                 checked.found.push(format!("the file {hash}, {name}, is damaged: its SHA-256 is {found}"));
             }

@@ -15,7 +15,7 @@ const OPEN_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// Describes the address of a database for people.
 fn place(Database { host, port, name, user, .. }: &Database) -> String {
-    format!("{name} of {user} at {host}:{port}")
+    format!("{name} (user {user}) at {host}:{port}")
 }
 
 /// Runs an operation within a time limit; an operation that is not complete in time counts as failed.

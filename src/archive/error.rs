@@ -25,21 +25,25 @@ pub enum ArchiveError {
         problem: String,
     },
     /// The database accepts what it is sent and does not answer.
-    #[error("the database has not answered for {seconds} s")]
+    #[error("the database has not responded for {seconds} s")]
     Silent {
         /// So long.
         seconds: u64,
     },
     /// The database's encoding cannot represent every text.
     #[error(
-        "the database has the encoding {found}, and UTF8 is needed: make it with `createdb -E UTF8 -T template0`"
+        "the database has the encoding {found}, but UTF8 is required: create the database with `createdb -E UTF8 \
+         -T template0`"
     )]
     Encoding {
         /// Its encoding.
         found: String,
     },
     /// The tables are of a later version of this program.
-    #[error("the database has tables of version {found}, this program knows up to {known}: use the newer program")]
+    #[error(
+        "the database has tables of version {found}, this program supports versions up to {known}: use the newer \
+         program"
+    )]
     Newer {
         /// Their version.
         found: i32,

@@ -104,7 +104,7 @@ async fn contradiction(
         ON CONFLICT DO NOTHING";
     transaction.execute(sql, &[&cell, &position.epoch, &number, &hash, &content]).await.map_err(&failed)?;
     Ok(Some(format!(
-        "cell {cell} sent number {number} of epoch {} twice: first with the SHA-256 {found}, now with {hash}",
+        "cell {cell} sent record {number} of epoch {} twice: first with the SHA-256 {found}, now with {hash}",
         position.epoch
     )))
 }
@@ -135,7 +135,7 @@ async fn derive(transaction: &Transaction<'_>, (message, hash): (&Message, &str)
         Ok(Rows::Signature(rows)) => signature(transaction, (message, hash), &rows).await,
         Err(problem) => {
             tracing::warn!(
-                "cell {cell}, number {}: no rows for pages: {problem}",
+                "cell {cell}, record {}: cannot write the rows for the office's page: {problem}",
                 message.envelope.position.number
             );
             Ok(())

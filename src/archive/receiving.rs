@@ -57,7 +57,7 @@ async fn again_and_again(settings: &ArchiveSettings) -> ArchiveError {
         }
         let is_known = told.as_ref().is_some_and(|(last, at)| *last == words && at.elapsed() < REPORT_INTERVAL);
         if was_good || !is_known {
-            tracing::warn!("{words}; it is tried again");
+            tracing::warn!("{words}; retrying");
             told = Some((words, Instant::now()));
         }
         tokio::time::sleep(pause).await;
@@ -70,7 +70,7 @@ async fn work(settings: &ArchiveSettings) -> Result<std::convert::Infallible, Ar
     files.try_out()?;
     let mut client = database::open(&settings.database).await?;
     let mut link = OfficeLink::connect(&settings.broker, settings.most_bytes()).await?;
-    tracing::info!("receives the messages of the cells through the broker {}", settings.broker.address);
+    tracing::info!("receiving the messages of the cells through the broker {}", settings.broker.address);
     // A cell may have missed the archived position, or the broker may have lost it.
     for (cell, epoch, archived) in database::within(WRITE_TIMEOUT, message_rows::epochs(&client)).await? {
         link.say_archived(&cell, &epoch, archived).await?;
@@ -163,7 +163,7 @@ impl Receiver {
             let BatchResult { new, known, contradictions, archived } =
                 database::within(WRITE_TIMEOUT, message_rows::keep(client, &messages)).await?;
             contradictions.iter().for_each(|words| tracing::error!("{words}"));
-            tracing::debug!("{new} new records, {known} that were there");
+            tracing::debug!("{new} new records, {known} already present");
             for ((cell, epoch), number) in archived {
                 link.say_archived(&cell, &epoch, number).await?;
             }
@@ -190,7 +190,7 @@ fn message_of(whole: &Assembled<Receipt>, position: &Position) -> Result<Message
     match message.cell == whole.cell && message.envelope.position == *position {
         true => Ok(message),
         false => {
-            let problem = "it has another name than the line of its parts".to_owned();
+            let problem = "the cell or the record number differs from the line of its parts".to_owned();
             Err(OfficeError::Form { what: "head of a message", problem })
         }
     }
@@ -203,7 +203,11 @@ fn sent_by(subject: &str, chunk: Chunk) -> Result<Chunk, OfficeError> {
         true => Ok(chunk),
         false => Err(OfficeError::Form {
             what: "line of a part",
-            problem: format!("it names the cell {} and came by {}", chunk.cell, subject.escape_debug()),
+            problem: format!(
+                "the part names the cell {}, but was received on the subject {}",
+                chunk.cell,
+                subject.escape_debug()
+            ),
         }),
     }
 }
@@ -221,7 +225,7 @@ async fn keep_state((client, names): (&Client, &mut Names), by: &str, bytes: &[u
     let (cell, state) = match CellState::read(bytes) {
         Ok(read) if by == subject::state(&read.0) => read,
         Ok((cell, _)) => {
-            tracing::error!("a state of the cell {cell} came on the wrong subject {}", by.escape_debug());
+            tracing::error!("a state of the cell {cell} was received on the wrong subject {}", by.escape_debug());
             return Ok(());
         }
         Err(error) => {
@@ -230,7 +234,7 @@ async fn keep_state((client, names): (&Client, &mut Names), by: &str, bytes: &[u
         }
     };
     if names.are_two(cell.as_str(), &state) {
-        tracing::error!("two cells are called {cell}: give one of them another name at [office] cell");
+        tracing::error!("two cells have the name {cell}: set another name for one of them at [office] cell");
     }
     let text = String::from_utf8_lossy(bytes).into_owned();
     let sql =

@@ -28,7 +28,8 @@ pub enum BackupError {
         problem: String,
     },
     /// The archive was written by a later version of this program.
-    #[error("{}: its format is {found}, this program knows up to {known}: restore it with the newer program", path.display())]
+    #[error("{}: the backup has format {found}, this program supports formats up to {known}: restore it with the \
+             newer program", path.display())]
     Newer {
         /// The archive.
         path: PathBuf,
@@ -39,8 +40,8 @@ pub enum BackupError {
     },
     /// The archive was made by an earlier version of this program, with other tables.
     #[error(
-        "{}: its store has schema {found}, this program works with {known}: restore it with version {program}, which made it, then \
-         install this one, which brings the store up to date", path.display()
+        "{}: the store in the backup has schema {found}, this program needs schema {known}. Restore the backup \
+         with version {program}, which made it. Then install this version, which updates the store", path.display()
     )]
     Earlier {
         /// The archive.
@@ -61,7 +62,7 @@ pub enum BackupError {
     /// A file exists already at the path of a part of the backup.
     #[error(
         "{} {} already present, and --replace was not given: add --replace {option} to put the backup in place; \
-         what is replaced is kept beside it", list(paths), if paths.len() == 1 { "is" } else { "are" }
+         the replaced files are kept", list(paths), if paths.len() == 1 { "is" } else { "are" }
     )]
     NotReplaced {
         /// The paths that exist already.
@@ -81,7 +82,7 @@ pub enum BackupError {
         folder: PathBuf,
     },
     /// The archive does not contain the requested part.
-    #[error("{}: the backup holds no {wanted}; it was made with --only", path.display())]
+    #[error("{}: the backup contains no {wanted}, because it was made with --only", path.display())]
     NotInIt {
         /// The archive.
         path: PathBuf,
@@ -89,7 +90,7 @@ pub enum BackupError {
         wanted: &'static str,
     },
     /// Files of the configuration that are far larger than usual.
-    #[error("{} has {found} bytes; a file of the configuration may have {most} at most", path.display())]
+    #[error("{} has {found} bytes; the limit for a file of the configuration is {most} bytes", path.display())]
     TooLarge {
         /// The file.
         path: PathBuf,
@@ -134,13 +135,13 @@ pub enum BackupError {
         own: i64,
     },
     /// A service, or another program, uses the files that would be replaced.
-    #[error("{user}; stop it first (`systemctl stop panelprep`), then restore again")]
+    #[error("{user}; stop the service first (`systemctl stop panelprep`), then restore again")]
     InUse {
         /// Who, in words.
         user: String,
     },
     /// A step at the end of the restore failed, and not all earlier steps could be undone.
-    #[error("{cause}; undoing the earlier steps failed too: {}", undone.join("; "))]
+    #[error("{cause}; the earlier steps could not be undone: {}", undone.join("; "))]
     NotUndone {
         /// The first error.
         cause: Box<BackupError>,

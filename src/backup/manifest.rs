@@ -46,14 +46,15 @@ impl Manifest {
         let mut seen = BTreeSet::new();
         let parse = |listed: &Listed| {
             let name = &listed.name;
-            let entry = Entry::parse(name)
-                .ok_or_else(|| format!("it holds \"{}\", which is no file of a backup", name.escape_debug()))?;
+            let entry = Entry::parse(name).ok_or_else(|| {
+                format!("the backup contains \"{}\", which is not a file of a backup", name.escape_debug())
+            })?;
             if !seen.insert(entry.clone()) {
-                return Err(format!("it holds {name} twice"));
+                return Err(format!("the backup contains {name} twice"));
             }
             match &entry {
                 Entry::Blob(hash) if *hash != listed.sha256 => {
-                    Err(format!("its manifest states a SHA-256 of {name} that differs from its name"))
+                    Err(format!("the manifest states a SHA-256 of {name} that differs from its name"))
                 }
                 _ => Ok(entry),
             }

@@ -94,7 +94,7 @@ impl Placing {
         for (index, step) in self.steps.iter().enumerate().rev() {
             if let Err(words) = step.undo() {
                 // Earlier steps depend on this one.
-                let more = (index > 0).then(|| format!("{index} more steps were left as they are"));
+                let more = (index > 0).then(|| format!("{index} earlier steps were not undone"));
                 return BackupError::NotUndone {
                     cause: Box::new(cause),
                     undone: std::iter::once(words).chain(more).collect(),
@@ -185,7 +185,7 @@ mod tests {
         assert_eq!(fs::read_to_string(at("cell.toml.before-restore-1")).expect("kept"), "cell.toml");
         let error = placing.put(&at("new-lens"), &at("lens.toml"), false).expect_err("it is there");
         let error = placing.undo(error).to_string();
-        assert!(error.contains("cannot rename") && !error.contains("failed too"), "{error}");
+        assert!(error.contains("cannot rename") && !error.contains("could not be undone"), "{error}");
         assert_eq!(listed(), before);
         assert_eq!(fs::read_to_string(at("cell.toml")).expect("read"), "cell.toml");
         assert!(is_empty_folder(&at("store")));

@@ -42,11 +42,13 @@ impl Archive {
             Sealed::Whole(bytes) => bytes,
             Sealed::Missing => {
                 return Err(damaged(
-                    "is no backup of this program, or was cut short: its seal is missing".to_owned(),
+                    "the file is not a backup of this program, or is incomplete: the seal is missing".to_owned(),
                 ));
             }
             Sealed::Broken => {
-                return Err(damaged("is damaged: its SHA-256 is not the one that it was sealed with".to_owned()));
+                return Err(damaged(
+                    "the backup is damaged: its SHA-256 differs from the SHA-256 in its seal".to_owned(),
+                ));
             }
         };
         let manifest = Manifest { format: 0, program: String::new(), made_unix_s: 0, links: None, entries: vec![] };
@@ -70,7 +72,7 @@ impl Archive {
         // The manifest itself.
         let _ = entries.next();
         for (entry, listed) in expected.iter().zip(&self.manifest.entries) {
-            let missing = || self.damaged(&format!("{} is missing in it", listed.name));
+            let missing = || self.damaged(&format!("the file {} is missing", listed.name));
             let found = entries.next().ok_or_else(missing)?.map_err(|error| self.unreadable(&error))?;
             self.is_listed(&found, listed)?;
             let mut hashing = Hashing { inner: found, hasher: Sha256::new() };
@@ -79,12 +81,17 @@ impl Archive {
             std::io::copy(&mut hashing, &mut std::io::sink()).map_err(|error| self.unreadable(&error))?;
             let hash = hex(&hashing.hasher.finalize());
             if hash != listed.sha256 {
-                return Err(self.damaged(&format!("the SHA-256 of {} in it is {hash}", listed.name)).into());
+                return Err(self
+                    .damaged(&format!(
+                        "the SHA-256 of the file {} is {hash}, not the one in the manifest",
+                        listed.name
+                    ))
+                    .into());
             }
         }
         match entries.next() {
             None => Ok(()),
-            Some(_) => Err(self.damaged("it holds more files than its manifest lists").into()),
+            Some(_) => Err(self.damaged("the backup contains more files than its manifest lists").into()),
         }
     }
 
@@ -94,11 +101,11 @@ impl Archive {
         let first = entries.next().ok_or_else(|| self.damaged("it is empty"))?;
         let first = first.map_err(|error| self.unreadable(&error))?;
         if *first.path_bytes() != *NAME.as_bytes() || first.size() > MAX_BYTES {
-            return Err(self.damaged("it does not begin with a manifest"));
+            return Err(self.damaged("the first entry is not a manifest"));
         }
         let mut text = Vec::new();
         first.take(MAX_BYTES).read_to_end(&mut text).map_err(|error| self.unreadable(&error))?;
-        let no_manifest = |error: serde_json::Error| self.damaged(&format!("its manifest cannot be read: {error}"));
+        let no_manifest = |error: serde_json::Error| self.damaged(&format!("the manifest cannot be read: {error}"));
         let AnyFormat { format } = serde_json::from_slice(&text).map_err(no_manifest)?;
         if format > FORMAT {
             return Err(BackupError::Newer { path: self.path.clone(), found: format, known: FORMAT });
@@ -119,7 +126,7 @@ impl Archive {
         if !found.header().entry_type().is_file() || name != listed.name.as_str() || found.size() != listed.bytes {
             let name = name.escape_debug();
             return Err(
-                self.damaged(&format!("it holds \"{name}\" but its manifest lists {} at this place", listed.name))
+                self.damaged(&format!("the backup contains \"{name}\" where its manifest lists {}", listed.name))
             );
         }
         Ok(())
@@ -137,7 +144,7 @@ impl Archive {
 
     /// Returns the error that the archive's bytes cannot be read as an archive.
     pub(super) fn unreadable(&self, error: &std::io::Error) -> BackupError {
-        self.damaged(&format!("it cannot be unpacked: {error}"))
+        self.damaged(&format!("the archive cannot be unpacked: {error}"))
     }
 }
 

@@ -210,8 +210,9 @@ fn cell_in_place(file: &Path) -> Option<Cell> {
 fn checked_cell(archive: &Archive, file: &Path, bytes: &[u8]) -> Result<Cell, BackupError> {
     let text = std::str::from_utf8(bytes).map_err(|error| archive.damaged(&error.to_string()))?;
     let checked = Cell::check(&file.display().to_string(), text);
-    checked
-        .map_err(|problems| archive.damaged(&format!("this program does not accept its cell's file:\n{problems}")))
+    checked.map_err(|problems| {
+        archive.damaged(&format!("this program does not accept the cell's file in the backup:\n{problems}"))
+    })
 }
 
 /// Returns the files of the configuration by their target paths, the cell's file among them.
@@ -225,7 +226,7 @@ fn configuration(archive: &Archive, cell_file: &Path) -> Result<BTreeMap<PathBuf
         }
         Ok(())
     })?;
-    let missing = || archive.damaged("it has no cell's file");
+    let missing = || archive.damaged("the cell's file is missing in the backup");
     let cell = checked_cell(archive, cell_file, texts.get(&Entry::Cell).ok_or_else(missing)?)?;
     let named: BTreeMap<String, PathBuf> = named_files(&cell).into_iter().collect();
     let folder = cell_file.parent().unwrap_or(Path::new(""));
@@ -236,12 +237,12 @@ fn configuration(archive: &Archive, cell_file: &Path) -> Result<BTreeMap<PathBuf
             Entry::Recipe(name) => folder.join(name),
             Entry::Named(key) => match named.get(key) {
                 Some(file) => file.clone(),
-                None => return Err(archive.damaged(&format!("its cell's file names no {key}"))),
+                None => return Err(archive.damaged(&format!("the cell's file in the backup names no {key}"))),
             },
             Entry::Rows(_) | Entry::Blob(_) => continue,
         };
         if files.insert(at.clone(), bytes.clone()).is_some_and(|other| other != bytes) {
-            return Err(archive.damaged(&format!("two of its files go to {}", at.display())));
+            return Err(archive.damaged(&format!("two files of the backup have the same path {}", at.display())));
         }
     }
     Ok(files)

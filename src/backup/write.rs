@@ -172,7 +172,7 @@ impl Load {
             match path.metadata() {
                 Ok(file) => self.add(&Entry::Blob(hash.clone()), (file.len(), hash), Source::File(path)),
                 Err(error) if error.kind() == ErrorKind::NotFound => {
-                    found.push(format!("the file {BLOBS}/{hash} is missing, and nobody removed it"));
+                    found.push(format!("the file {BLOBS}/{hash} is missing, and no removal was recorded"));
                 }
                 Err(error) => return Err(BackupError::file("read", &path)(error)),
             }
@@ -242,7 +242,7 @@ fn file_entry<W: Write>(
 ) -> Result<(), Unpacked> {
     let damaged = |words: &str| Unpacked::Blob(format!("the file {} {words}", listed.name));
     let file = File::open(path).map_err(|error| match error.kind() {
-        ErrorKind::NotFound => damaged("is missing, and nobody removed it"),
+        ErrorKind::NotFound => damaged("is missing, and no removal was recorded"),
         _ => BackupError::file("read", path)(error).into(),
     })?;
     let mut hashing = Hashing { inner: file.take(listed.bytes), hasher: Sha256::new(), count: 0, failed: None };

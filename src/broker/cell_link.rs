@@ -33,7 +33,11 @@ impl Sending {
         let ack = self.ack.await.map_err(|error| refused(with_refusal(error, &self.refused)))?;
         match ack.stream == subject::STREAM {
             true => Ok(()),
-            false => Err(refused(format!("the stream {} stored it, not {}", ack.stream, subject::STREAM))),
+            false => Err(refused(format!(
+                "the message was stored in the stream {}, not in {}",
+                ack.stream,
+                subject::STREAM
+            ))),
         }
     }
 }
@@ -74,15 +78,17 @@ impl CellLink {
     pub async fn archived(&self, epoch: &str) -> Result<Option<u64>, BrokerError> {
         let context = &self.link.context;
         let stream = context.get_stream_no_info(subject::ARCHIVED_STREAM).await;
-        let stream = stream.map_err(|error| self.link.failed("read what the office has archived", error))?;
+        let stream =
+            stream.map_err(|error| self.link.failed("read the number of the last archived record", error))?;
         let last = stream.get_last_raw_message_by_subject(&subject::archived(&self.cell, epoch)).await;
         let message = match last {
             Ok(message) => message,
             Err(error) if error.kind() == LastRawMessageErrorKind::NoMessageFound => return Ok(None),
-            Err(error) => return Err(self.link.failed("read what the office has archived", error)),
+            Err(error) => return Err(self.link.failed("read the number of the last archived record", error)),
         };
         let number = std::str::from_utf8(&message.payload).ok().and_then(|text| text.parse().ok());
-        let wrong = || self.link.failed("read what the office has archived", "the stored value is not a number");
+        let wrong =
+            || self.link.failed("read the number of the last archived record", "the stored value is not a number");
         number.map(Some).ok_or_else(wrong)
     }
 
@@ -99,7 +105,7 @@ impl CellLink {
                 let offer = RecipeOffer::read(&message.payload).map_err(|error| failed(error.to_string()))?;
                 match offer.panel == panel {
                     true => Ok(Some(offer)),
-                    false => Err(failed(format!("it is one of the panel {}", offer.panel.escape_debug()))),
+                    false => Err(failed(format!("the offer is for another panel, {}", offer.panel.escape_debug()))),
                 }
             }
             Err(error) if error.kind() == LastRawMessageErrorKind::NoMessageFound => Ok(None),

@@ -9,7 +9,7 @@ pub enum BrokerError {
     #[error(transparent)]
     File(#[from] TrustError),
     /// The broker does not answer, or refuses the connection.
-    #[error("the broker {address} cannot be reached: {problem}")]
+    #[error("cannot connect to the broker {address}: {problem}")]
     Connect {
         /// Its address.
         address: String,
@@ -17,7 +17,7 @@ pub enum BrokerError {
         problem: String,
     },
     /// The broker does not have the streams of this program.
-    #[error("the broker {address} has no stream {stream}; `panelprep archive run` makes it")]
+    #[error("the broker {address} has no stream {stream}; start `panelprep archive run`, which creates the stream")]
     NoStream {
         /// Its address.
         address: String,

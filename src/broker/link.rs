@@ -90,13 +90,13 @@ fn advice(problem: &str, broker: &Broker) -> &'static str {
     let is_tls = broker.address.starts_with("tls://");
     let has = |words: &str| problem.contains(words);
     if has("authorization violation") || has("Authorization") {
-        "; see user with password_file, or credentials"
+        "; check user with password_file, or credentials, of the broker"
     } else if has("UnknownIssuer") {
-        "; the file at ca does not hold the authority that has signed the broker's certificate"
+        "; the file at ca does not contain the authority that signed the broker's certificate"
     } else if has("InvalidContentType") || is_tls && has("TLS is not supported") {
-        "; the broker speaks without TLS: give it a certificate, or write nats://"
+        "; the broker does not use TLS: configure a certificate at the broker, or use an address with nats://"
     } else if has("CertificateRequired") || has("BadCertificate") {
-        "; it requires a client certificate, which this program does not send: use user or credentials"
+        "; the broker requires a client certificate, which this program does not send: use user or credentials"
     } else {
         ""
     }

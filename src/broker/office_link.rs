@@ -50,7 +50,7 @@ async fn consumer(link: &Link) -> Result<PullConsumer, BrokerError> {
         ..pull::Config::default()
     };
     let consumer = stream.get_or_create_consumer(CONSUMER, config).await;
-    consumer.map_err(|error| link.failed("create its consumer in the stream", error))
+    consumer.map_err(|error| link.failed("create the consumer of the archive in the stream", error))
 }
 
 /// A message that the broker has delivered.
@@ -102,8 +102,8 @@ impl Receipt {
 fn with_advice(problem: &str) -> String {
     match problem.contains("insufficient storage") {
         true => format!(
-            "{problem}; its disk has less space than waiting_gb requires: lower waiting_gb, or give the broker a \
-             larger disk"
+            "{problem}; the broker's disk has less space than waiting_gb requires: lower waiting_gb, or give the \
+             broker a larger disk"
         ),
         false => problem.to_owned(),
     }
@@ -173,13 +173,13 @@ impl OfficeLink {
         }
         self.floor.1 = Instant::now();
         tracing::warn!(
-            "the broker has held back one of {waits} messages for {} s: they are requested again",
+            "the broker has not delivered one of {waits} messages for {} s: the messages are requested again",
             STUCK_TIMEOUT.as_secs()
         );
         let stream = self.link.context.get_stream(subject::STREAM).await;
         let stream = stream.map_err(|error| self.link.failed("find its stream", error))?;
         let gone = stream.delete_consumer(CONSUMER).await;
-        gone.map_err(|error| self.link.failed("remove its consumer from the stream", error))?;
+        gone.map_err(|error| self.link.failed("remove the consumer of the archive from the stream", error))?;
         self.consumer = consumer(&self.link).await?;
         Ok(true)
     }
@@ -210,7 +210,7 @@ impl OfficeLink {
     /// If the broker does not accept it.
     pub async fn say_archived(&self, cell: &CellName, epoch: &str, number: u64) -> Result<(), BrokerError> {
         let said = self.link.context.publish(subject::archived(cell, epoch), number.to_string().into()).await;
-        let failed = |problem: String| self.link.failed("report what is archived", problem);
+        let failed = |problem: String| self.link.failed("publish the number of the last archived record", problem);
         let ack = said.map_err(|error| failed(error.to_string()))?;
         ack.await.map(drop).map_err(|error| failed(error.to_string()))
     }
@@ -234,7 +234,7 @@ impl OfficeLink {
     /// If the broker does not allow listening.
     pub async fn states(&self) -> Result<States, BrokerError> {
         let heard = self.link.client.subscribe(subject::ALL_STATES).await;
-        let heard = heard.map_err(|error| self.link.failed("listen to the cells", error))?;
+        let heard = heard.map_err(|error| self.link.failed("subscribe to the states of the cells", error))?;
         Ok(States { heard, link: self.link.clone() })
     }
 }
@@ -253,7 +253,7 @@ impl States {
     pub async fn next(&mut self) -> Result<(String, Vec<u8>), BrokerError> {
         match self.heard.next().await {
             Some(state) => Ok((state.subject.to_string(), state.payload.into())),
-            None => Err(self.link.failed("listen to the cells", "the connection is lost")),
+            None => Err(self.link.failed("subscribe to the states of the cells", "the connection is lost")),
         }
     }
 }

@@ -62,20 +62,20 @@ impl Board {
             (["circles" | "acircles", _, distance], named_mm) => {
                 let circles_mm = distance
                     .parse::<f64>()
-                    .map_err(|_| wrong(format!("the distance of circles '{distance}' is no number")))?;
+                    .map_err(|_| wrong(format!("the distance of circles '{distance}' is not a number")))?;
                 if named_mm.is_some_and(|named_mm| named_mm != circles_mm) {
                     return Err(wrong(format!(
-                        "the circles are {circles_mm} mm apart, but --square-mm states another distance; leave \
-                         --square-mm out"
+                        "the circles are {circles_mm} mm apart, but --square-mm states another distance; omit \
+                         --square-mm"
                     )));
                 }
                 circles_mm
             }
             (_, Some(square_mm)) => square_mm,
-            (_, None) => return Err(wrong("--square-mm is missing: the side of a square, mm".to_owned())),
+            (_, None) => return Err(wrong("--square-mm is missing: state the side of a square in mm".to_owned())),
         };
         if !(0.5..=500.0).contains(&square_mm) {
-            return Err(wrong(format!("squares of {square_mm} mm; the limits are 0.5 to 500")));
+            return Err(wrong(format!("the side of a square is {square_mm} mm (limits 0.5 to 500 mm)")));
         }
         match parts.as_slice() {
             [kind @ ("circles" | "acircles"), size, _] => {
@@ -104,19 +104,19 @@ impl Board {
         dictionary: &str,
         legacy: bool,
     ) -> Result<Self, String> {
-        let marker_mm: f64 = marker.parse().map_err(|_| format!("the marker's side '{marker}' is no number"))?;
+        let marker_mm: f64 = marker.parse().map_err(|_| format!("the marker's side '{marker}' is not a number"))?;
         if !(0.2 * square_mm..0.95 * square_mm).contains(&marker_mm) {
             return Err(format!(
-                "markers of {marker_mm} mm in squares of {square_mm} mm; the limits are 20 to 95 % \
-                                of the square"
+                "the markers have {marker_mm} mm sides in squares of {square_mm} mm (limits 20 to 95 % of the \
+                 square)"
             ));
         }
         let upper = dictionary.to_uppercase();
         let dictionary = upper.strip_prefix("DICT_").unwrap_or(&upper).to_owned();
         let Some(held) = markers_of(&dictionary) else {
             return Err(format!(
-                "no dictionary is named {dictionary}; known are OpenCV's: 4X4_50 … 7X7_1000 (50, 100, 250, 1000), ARUCO_ORIGINAL, \
-                 APRILTAG_16H5, APRILTAG_25H9, APRILTAG_36H10, APRILTAG_36H11"
+                "unknown dictionary {dictionary}; valid: OpenCV's 4X4_50 … 7X7_1000 (50, 100, 250, 1000), \
+                 ARUCO_ORIGINAL, APRILTAG_16H5, APRILTAG_25H9, APRILTAG_36H10, APRILTAG_36H11"
             ));
         };
         let charuco = Charuco { marker_mm, dictionary: dictionary.clone(), legacy };
@@ -124,14 +124,16 @@ impl Board {
             Self::new(columns.saturating_sub(1), rows.saturating_sub(1), square_mm, Pattern::Charuco(charuco))?;
         let needed = columns * rows / 2;
         if needed > held {
-            return Err(format!("{columns}×{rows} squares need {needed} markers, {dictionary} has only {held}"));
+            return Err(format!(
+                "{columns}×{rows} squares need {needed} markers, but {dictionary} has only {held}"
+            ));
         }
         Ok(board)
     }
 
     fn new(columns: usize, rows: usize, square_mm: f64, pattern: Pattern) -> Result<Self, String> {
         if !INNER.contains(&columns) || !INNER.contains(&rows) {
-            return Err(format!("{columns}×{rows} inner corners; the limits are 3 to 60 in each direction"));
+            return Err(format!("the board has {columns}×{rows} inner corners (limits 3 to 60 in each direction)"));
         }
         Ok(Board { columns, rows, square_mm, pattern })
     }
@@ -261,8 +263,8 @@ impl Board {
             ..self.clone()
         };
         let (pattern, other) = match charuco.legacy {
-            false => ("in the pattern that OpenCV printed before 4.6; add :legacy", !charuco.legacy),
-            true => ("in the pattern that OpenCV prints since 4.6; leave :legacy out", !charuco.legacy),
+            false => ("in the pattern that OpenCV printed before 4.6 (:legacy)", !charuco.legacy),
+            true => ("in the pattern that OpenCV prints since 4.6 (without :legacy)", !charuco.legacy),
         };
         vec![
             (with(self.columns, self.rows, other), pattern),
@@ -372,7 +374,7 @@ mod tests {
         );
         assert_eq!((board.middle(), board.is_unique()), (Point::at(70.0, 100.0, 0.0), true));
         let error = Board::parse("circles:7x11:40", 25.0).expect_err("two distances").to_string();
-        assert!(error.contains("leave --square-mm out"), "{error}");
+        assert!(error.contains("omit --square-mm"), "{error}");
         let error = Board::parse("9x6", None).expect_err("no side").to_string();
         assert!(error.contains("--square-mm is missing"), "{error}");
     }
@@ -418,9 +420,9 @@ mod tests {
         for (text, square_mm, words) in [
             ("9 x 6", 25.0, "valid: a chessboard"),
             ("9x2", 25.0, "9×2 inner corners"),
-            ("9x6", f64::NAN, "squares of NaN mm"),
+            ("9x6", f64::NAN, "the side of a square is NaN mm"),
             ("charuco:8x6:25:4X4_50", 25.0, "20 to 95 %"),
-            ("charuco:8x6:ten:4X4_50", 25.0, "is no number"),
+            ("charuco:8x6:ten:4X4_50", 25.0, "is not a number"),
         ] {
             let error = Board::parse(text, square_mm).expect_err(text).to_string();
             assert!(error.contains(words), "{error}");

@@ -59,7 +59,7 @@ pub(super) fn detect(
             .into_iter()
             .filter_map(|(asked, words)| Some((shows(picture, &asked)?, asked, words)));
         if let Some((_, asked, words)) = tried.max_by_key(|(corners, ..)| *corners) {
-            return Err(other(format!("its markers were found, {words}: --board {}", asked.text())));
+            return Err(other(format!("the board's markers were found {words}; use --board {}", asked.text())));
         }
         return Err(other(format!(
             "{} markers of {dictionary} were found in another layout: count the board's squares along both sides, \
@@ -69,14 +69,15 @@ pub(super) fn detect(
     }
     let mirrored = mirrored(picture);
     if shows(&mirrored, board).is_some() {
-        return Err(other("the picture is mirrored: take it as the camera's sensor sees it".to_owned()));
+        return Err(other("the picture is mirrored: use the picture as the camera's sensor sees it".to_owned()));
     }
     for candidate in DICTIONARIES.iter().filter(|candidate| *candidate != dictionary) {
         let Some(number) = foreign::dictionary_number(candidate) else { continue };
         let markers = seen_small(picture, number)?;
         if markers.len() >= SURE_MARKERS {
             return Err(other(format!(
-                "it shows {} markers of the dictionary {candidate}, and none of {dictionary}: name it in --board",
+                "the picture shows {} markers of the dictionary {candidate}, and none of {dictionary}: correct the \
+                 dictionary in --board",
                 markers.len()
             )));
         }
@@ -125,7 +126,7 @@ fn found(
 ) -> Result<Detected, CalibError> {
     let unknown = || CalibError::Board {
         text: charuco.dictionary.clone(),
-        message: "OpenCV has no dictionary of this name".to_owned(),
+        message: "OpenCV has no dictionary with this name".to_owned(),
     };
     let dictionary = foreign::dictionary_number(&charuco.dictionary).ok_or_else(unknown)?;
     let squares = board.marker_squares();
@@ -256,7 +257,7 @@ pub fn marker_cells(board: &Board) -> Result<Vec<Vec<bool>>, CalibError> {
     let Some(charuco) = board.markers() else { return Ok(Vec::new()) };
     let unknown = || CalibError::Board {
         text: charuco.dictionary.clone(),
-        message: "OpenCV has no dictionary of this name".to_owned(),
+        message: "OpenCV has no dictionary with this name".to_owned(),
     };
     let dictionary = foreign::dictionary_number(&charuco.dictionary).ok_or_else(unknown)?;
     let cells = (0..board.marker_squares().len()).map(|number| foreign::marker_cells(dictionary, number));

@@ -20,8 +20,8 @@ pub enum CalibError {
     Imaging(#[from] ImagingError),
     /// A picture shows no board.
     #[error(
-        "{picture} shows no board with {columns}×{rows} inner corners; is --board right, and is the whole board in \
-         the picture, sharp, with a white rim?"
+        "{picture} shows no board with {columns}×{rows} inner corners; check --board, and check that the whole \
+         board is in the picture, sharp, with a white rim"
     )]
     NoBoard {
         /// The picture.
@@ -33,8 +33,8 @@ pub enum CalibError {
     },
     /// A picture does not show the expected circles.
     #[error(
-        "{picture} shows no grid of {columns} circles in each of {rows} rows; is --board right, and are all circles in the \
-         picture, sharp, and apart from each other?"
+        "{picture} shows no grid of {columns} circles in each of {rows} rows; check --board, and check that all \
+         circles are in the picture, sharp, and apart from each other"
     )]
     NoCircles {
         /// The picture.
@@ -68,7 +68,7 @@ pub enum CalibError {
         what: String,
     },
     /// Pictures of several sizes.
-    #[error("{picture} has {found} pixels, {first} has {expected}; one camera takes pictures of one size")]
+    #[error("{picture} has {found} pixels, but {first} has {expected}; all pictures must have the same size")]
     MixedSizes {
         /// The picture.
         picture: String,
@@ -80,7 +80,7 @@ pub enum CalibError {
         expected: String,
     },
     /// Not enough pictures with a board.
-    #[error("{found} of {given} pictures can be used, {needed} are needed{}", reason_suffix(first_reason))]
+    #[error("{found} of {given} pictures can be used, at least {needed} are needed{}", reason_suffix(first_reason))]
     TooFewPictures {
         /// Usable ones.
         found: usize,
@@ -145,9 +145,9 @@ fn reason_suffix(reason: &Option<String>) -> String {
 
 fn meant(readings: &[Reading]) -> String {
     if readings.is_empty() {
-        let words = "no other interpretation of the poses fits either: are they base_from_flange in mm and \
-                     degrees, does each picture belong to its pose, is the lens file this camera's, and did the \
-                     board stay in its place?";
+        let words = "no other interpretation of the poses fits either: check that they are base_from_flange in mm \
+                     and degrees, that each picture belongs to its pose, that the lens file is this camera's, and \
+                     that the board was not moved";
         return words.to_owned();
     }
     readings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; or ")

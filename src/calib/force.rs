@@ -54,21 +54,22 @@ pub struct ForceCalibration {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CalibrationError {
     /// Too few.
-    #[error("{found} readings, at least {MIN_READINGS} at different attitudes are needed")]
+    #[error("{found} readings were given, at least {MIN_READINGS} at different attitudes are needed")]
     TooFew {
         /// The number of readings.
         found: usize,
     },
     /// A number that is not finite.
-    #[error("reading {index} is not a number, or its attitude is none")]
+    #[error("reading {index}: the force or the attitude is not a valid number")]
     NotFinite {
         /// Which, from 1.
         index: usize,
     },
     /// The readings are too similar.
     #[error(
-        "the tool points down by {least:.2} to {most:.2} in all readings, these values must differ by at least \
-         {MIN_SPREAD}: take one reading pointing down, one level and one pointing up, as far as the arm allows"
+        "the downward component of the tool's direction is {least:.2} to {most:.2} over all readings, but must \
+         vary by at least {MIN_SPREAD}: take one reading pointing down, one level and one pointing up, as far as \
+         the arm allows"
     )]
     Alike {
         /// The least.
@@ -78,7 +79,7 @@ pub enum CalibrationError {
     },
     /// One of the readings does not fit.
     #[error(
-        "reading {index} is {} N off the others (limit {} N); did the tool touch something?",
+        "reading {index} differs by {} N from the others (limit {} N); check whether the tool touched something",
         apart(*off_n, MAX_RESIDUAL_N, 1)[0],
         apart(*off_n, MAX_RESIDUAL_N, 1)[1]
     )]
@@ -90,8 +91,8 @@ pub enum CalibrationError {
     },
     /// An impossible payload.
     #[error(
-        "the readings give a payload of {payload_kg:.2} kg; do force and attitude of each reading belong together, \
-         and is the sign right?"
+        "the readings give a payload of {payload_kg:.2} kg; check that force and attitude of each reading belong \
+         together, and check the sign of the force"
     )]
     Negative {
         /// The payload that follows from the readings, kg.
@@ -178,7 +179,7 @@ mod tests {
         assert!(says(&[read(1.0, 1.0), read(0.9, 2.0), read(0.8, 2.0)]).contains("0.80 to 1.00"));
         assert!(says(&[read(1.0, 1.0), read(f64::NAN, 2.0), read(0.0, 2.0)]).starts_with("reading 2"));
         let touched = [read(1.0, -8.0), read(0.5, -3.0), read(0.0, 22.0), read(-1.0, 12.0)];
-        assert!(says(&touched).starts_with("reading 3 is 14.9 N"), "{}", says(&touched));
+        assert!(says(&touched).starts_with("reading 3 differs by 14.9 N"), "{}", says(&touched));
         assert!(says(&[read(1.0, 12.0), read(0.0, 2.0), read(-1.0, -8.0)]).contains("payload of -1.0"));
     }
 

@@ -26,7 +26,7 @@ pub(super) fn solve_pnp(
     corners: &[(Point<Board>, Pixel)],
 ) -> Result<Isometry3<f64>, CalibError> {
     if corners.len() < 4 {
-        return Err(CalibError::Points(format!("{} corners were seen; 4 are needed", corners.len())));
+        return Err(CalibError::Points(format!("{} corners were seen; at least 4 are needed", corners.len())));
     }
     const OPERATION: &str = "the board's pose";
     let objects: Vector<Point3d> = corners.iter().map(|(q, _)| Point3d::new(q.mm.x, q.mm.y, q.mm.z)).collect();
@@ -128,7 +128,7 @@ pub(super) fn refine_corners(
     corners: &[Pixel],
     half_window_px: usize,
 ) -> Result<Vec<Pixel>, ImagingError> {
-    const OPERATION: &str = "corners to sub-pixel";
+    const OPERATION: &str = "the corners' sub-pixel positions";
     let source = picture_of(picture)?;
     let mut points: Vector<Point2f> = corners.iter().map(|p| Point2f::new(p.u as f32, p.v as f32)).collect();
     let window = Size::new(half_window_px as i32, half_window_px as i32);
@@ -231,7 +231,7 @@ pub(super) fn calibrate_camera(
         named(OPERATION, until)?,
     );
     named(OPERATION, solved)?;
-    let unusual = || ImagingError { operation: OPERATION, words: "a result of another size".to_owned() };
+    let unusual = || ImagingError { operation: OPERATION, words: "the result has an unexpected size".to_owned() };
     let m = named(OPERATION, matrix.data_typed::<f64>())?;
     let [k1, k2, p1, p2, k3]: [f64; 5] =
         distortion.as_slice().get(..5).and_then(|numbers| numbers.try_into().ok()).ok_or_else(unusual)?;

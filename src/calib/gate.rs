@@ -112,9 +112,10 @@ impl Reasons {
         if size.contradicts() && (moves_mm > SQUARE_MOVES_MM.0 || moves_mm.is_nan()) {
             let (mm, known_mm) = (fixed(size.ratio * square_mm, 3), fixed(size.ratio_95() * square_mm, 3));
             let message = format!(
-                "by the robot's motions the board's squares measure {mm} ± {known_mm} mm, the stated side is {square_mm} mm, and the mount \
-                 moves by {} mm at the panel: measure the squares over the whole board and correct --square-mm; if they are right, \
-                 the lens's focal length or the arm's lengths are wrong",
+                "according to the robot's motions, the board's squares measure {mm} ± {known_mm} mm, but the \
+                 stated side is {square_mm} mm, which moves the mount by {} mm at the panel: measure the squares \
+                 over the whole board and correct --square-mm; if they are right, the lens's focal length or the \
+                 arm's lengths are wrong",
                 fixed(moves_mm, 2)
             );
             let reason = Reason::new("square_size", message);
@@ -138,9 +139,9 @@ impl Reasons {
         }
         let (share, known) = (fixed(100.0 * (focal.ratio - 1.0), 2), fixed(100.0 * focal.ratio_95(), 2));
         let message = format!(
-            "by the robot's motions the focal length is {share} ± {known} % longer than the lens's file states, \
-             and the mount moves by {} mm at the panel: is it the file of this camera, at this focus, and are its \
-             pictures unchanged, not rectified? Calibrate the lens again",
+            "according to the robot's motions, the focal length is {share} ± {known} % longer than the lens's file \
+             states, which moves the mount by {} mm at the panel: check that the file is of this camera at this \
+             focus, and that its pictures are unchanged, not rectified. Calibrate the lens again",
             fixed(moves_mm, 2)
         );
         let reason = Reason::new("focal_length_differs", message);
@@ -164,10 +165,10 @@ pub fn intrinsics(found: &Calibrated) -> Judgement {
     );
     if let Some(shape) = &found.board_shape {
         let message = format!(
-            "the board is not flat, or its squares are not equal: with its own shape the corners miss by {} px \
-             rms, with a flat shape by {} px; it is bowed by {} mm, and corners are up to {} mm off their places. \
-             The error of the lens is larger than stated: glue the print onto glass or an aluminium plate, or use \
-             another board, and take the pictures again",
+            "the board is not flat, or its squares are not equal: the residual of the corners is {} px rms with \
+             the board's own shape, {} px with a flat shape; the board is bowed by {} mm, and corners are up to {} \
+             mm off their nominal positions. The error of the lens is larger than stated: glue the print onto \
+             glass or an aluminium plate, or use another board, and take the pictures again",
             fixed(shape.own_px, 3),
             fixed(shape.flat_px, 3),
             fixed(shape.bow_mm, 1),
@@ -181,7 +182,8 @@ pub fn intrinsics(found: &Calibrated) -> Judgement {
     reasons.doubt("coverage", found.coverage < COVERAGE, || {
         let [covered, needed] = percent_apart(found.coverage, COVERAGE, 0);
         format!(
-            "corners cover {covered} % of the picture, {needed} % are wanted; bring the board into the corners too"
+            "corners cover {covered} % of the picture, at least {needed} % are needed; take pictures with the \
+             board in the picture's corners, too"
         )
     });
     let (share, error_px) = (found.support.share, found.support.error_px);
@@ -189,8 +191,8 @@ pub fn intrinsics(found: &Calibrated) -> Judgement {
         let [share, needed] = percent_apart(share, needed, 0);
         let [error, wanted] = apart(error_px, SUPPORT_PX, 2);
         let message = format!(
-            "the lens is known to {error} px in {share} % of the picture, {needed} % and {wanted} px are wanted; outside \
-             of that part measurements are refused: bring the board there"
+            "the lens is known to {error} px in {share} % of the picture, at least {needed} % with {wanted} px are \
+             needed; measurements outside of that part are refused: take pictures with the board there"
         );
         Reason::new("support", message)
     };
@@ -203,8 +205,8 @@ pub fn intrinsics(found: &Calibrated) -> Judgement {
     reasons.doubt("tilt", high < MIN_TILT_DEG, || {
         let [high, needed] = apart(high, MIN_TILT_DEG, 0);
         format!(
-            "the board was tilted by {}° to {high}°; tilt it by {needed}° and more in both directions, or focal \
-             length and distance cannot be separated",
+            "the board was tilted by {}° to {high}°; tilt it by {needed}° and more in both directions, otherwise \
+             focal length and distance cannot be separated",
             fixed(low, 0)
         )
     });
@@ -259,18 +261,19 @@ pub fn hand_eye<A: Arrangement>(
 ) -> Judgement {
     let mut reasons = Reasons::default();
     reasons.doubt("no_rough", rough.is_none() && poses == PosesFrom::File, || {
-        "poses with a tool or a base frame fit as well as poses without, and only a rough mount reveals them: \
-         measure with a tape where the camera is, to 100 mm, and state it in the cell's file ([rough])"
+        "poses that include a tool or a base frame fit as well as poses without them, and only a rough mount \
+         reveals this error: measure the camera's position with a tape, to 100 mm, and state it in the cell's file \
+         ([rough])"
             .to_owned()
     });
-    let question = "is --mount right, and are these poses base_from_flange without a tool?";
+    let question = "check --mount, and check that these poses are base_from_flange without a tool";
     reasons.rough::<A>(rough, &found.adjusted.to_from_camera, question);
     for reading in &found.readings {
         reasons.reject.push(Reason::new("other_reading", reading.to_string()));
     }
     reasons.square(found, square_mm);
     reasons.focal(found);
-    for (result, of_which) in [(Some(found), ""), (second, "by the 3D camera's own points ")] {
+    for (result, of_which) in [(Some(found), ""), (second, "from the 3D camera's own points: ")] {
         let Some(result) = result else { continue };
         reasons.fits(result);
         reasons.known(result, of_which);
@@ -283,8 +286,8 @@ pub fn hand_eye<A: Arrangement>(
             let [away_words, allowed_words] = apart(away, 2.0 * allowed, 3);
             let message = format!(
                 "the 3D camera's own points give a mount that differs by {away_words} mm at the panel (limit \
-                 {allowed_words} mm); are these the intrinsics of the camera that took the pictures, and is \
-                 --square-mm right?"
+                 {allowed_words} mm); check that the intrinsics are those of the camera that took the pictures, \
+                 and check --square-mm"
             );
             let reason = Reason::new("second_result", message);
             let much = away.is_nan() || away > HAND_EYE_UNCERTAINTY_MM.0;
@@ -339,7 +342,7 @@ impl Reasons {
         let spread = found.second_axis_deg;
         self.doubt("rotation", spread.is_nan() || spread < SPREAD_DEG, || {
             let [spread, needed] = apart(spread, SPREAD_DEG, 1);
-            words(&format!("the poses turn by {spread}° about the second axis; {needed}° and more are wanted"))
+            words(&format!("the poses turn by {spread}° about the second axis, at least {needed}° are needed"))
         });
         let used = found.residuals.iter().filter(|residual| residual.used).count();
         self.doubt("few_poses", used < FEW_POSES, || {
@@ -367,8 +370,9 @@ pub fn no_start<A: Arrangement>(found: &HandEye<A>, square_mm: f64) -> Option<St
     let size = found.square.as_ref().filter(|size| size.contradicts())?;
     ((size.ratio - 1.0).abs() > ARM_SHARE).then(|| {
         format!(
-            "by the robot's motions the board's squares measure {} ± {} mm, the stated side is {square_mm} mm, and no arm's lengths are off by \
-             as much: measure the squares over the whole board and correct --square-mm",
+            "according to the robot's motions, the board's squares measure {} ± {} mm, but the stated side is \
+             {square_mm} mm, and no arm has lengths with an error this large: measure the squares over the whole \
+             board and correct --square-mm",
             fixed(size.ratio * square_mm, 3),
             fixed(size.ratio_95() * square_mm, 3)
         )
@@ -400,15 +404,20 @@ pub fn three_points<A: Arrangement>(found: &ThreePoints<A>, rough: Option<&Rigid
     }
     let unseen = found.check_mm.is_none() || found.looks_alike;
     reasons.doubt("no_check_point", unseen && rough.is_none(), || match found.check_mm {
-        None => "three points have no residual: a board that was touched from another corner would not be detected; touch a fourth \
-                 corner (p4) that the picture numbers, or state a rough mount in the cell's file ([rough])"
+        None => "three touched points have no residual, so a board that was touched from another corner would not \
+                 be detected; touch a fourth corner (p4) that the picture numbers, or state a rough mount in the \
+                 cell's file ([rough])"
             .to_owned(),
-        Some(_) => "the four touched corners are symmetric: a board that was touched from its other end would not be detected; touch \
-                    as the fourth corner (p4) one that breaks the symmetry, with the number that the picture shows, or state a rough \
-                    mount in the cell's file ([rough])"
+        Some(_) => "the four touched corners are symmetric, so a board that was touched from its other end would \
+                    not be detected; touch as the fourth corner (p4) one that breaks the symmetry, with the number \
+                    that the picture shows, or state a rough mount in the cell's file ([rough])"
             .to_owned(),
     });
-    reasons.rough::<A>(rough, &found.to_from_camera, "were the corners touched that the picture numbers?");
+    reasons.rough::<A>(
+        rough,
+        &found.to_from_camera,
+        "check that the touched corners are those that the picture numbers",
+    );
     reasons.judgement()
 }
 
@@ -434,8 +443,9 @@ pub fn robot(found: &RobotFound, views: usize) -> Judgement {
     let share = after / before;
     if share.is_nan() || share > HELPS.1 {
         let message = format!(
-            "pictures that were left out are {before:.3} mm rms off without a correction and {after:.3} mm with it: these data hold \
-             no correction of the arm; give axis angles with the poses, and more poses that differ in every axis"
+            "the residual of left-out pictures is {before:.3} mm rms without a correction and {after:.3} mm with \
+             it, so these data do not determine a correction of the arm; give axis angles with the poses, and more \
+             poses that differ in every axis"
         );
         reasons.reject.push(Reason::new("no_correction", message));
     }
@@ -461,13 +471,19 @@ pub fn tool(point: &ToolPoint, axis: Option<&ToolAxis>, readings: &[Reading]) ->
     reasons.bound("rms_mm", point.rms_mm, TOOL_RMS_MM, &words);
     match axis {
         None => reasons.doubt("no_axis", true, || {
-            "the tool's axis was not measured: good for a pointer, refused for sanding; add [[axis]], or [[plate]] and [[flat]]"
+            "the tool's axis was not measured, so this tool is valid as a pointer, but refused for sanding; add \
+             [[axis]], or [[plate]] and [[flat]]"
                 .to_owned()
         }),
         Some(axis) => {
             let worst = axis.residuals_deg.iter().copied().fold(0.0, f64::max);
-            reasons.bound("axis", worst, AXIS_DEG, "difference between the touches in the direction of the axis, \
-                                                    degrees");
+            reasons.bound(
+                "axis",
+                worst,
+                AXIS_DEG,
+                "difference between the touches in the direction of the axis, \
+                                                    degrees",
+            );
             if let Some(rms_mm) = axis.plate_rms_mm {
                 reasons.bound("plate", rms_mm, TOOL_RMS_MM, "unevenness of the plate, rms, mm");
             }

@@ -114,7 +114,7 @@ impl<A: Arrangement> HandEye<A> {
     ) -> Result<Self, CalibError> {
         let used = stations.iter().zip(&self.residuals).filter(|(_, residual)| residual.used);
         let used: Vec<&Station<A::From>> = used.map(|(station, _)| station).collect();
-        let unsettled = CalibError::NotSettled { what: "the lens's part of the uncertainty" };
+        let unsettled = CalibError::NotSettled { what: "the lens's share of the uncertainty" };
         let added = influence::of_lens(camera, &self.adjusted, &used, lens).ok_or(unsettled)?;
         let lens_mm2 = adjust::covariance_at(&self.adjusted.to_from_camera, &added, self.at);
         let covariance_mm2 = self.adjusted.covariance_at(self.at) * self.poses_each + lens_mm2;
@@ -337,7 +337,8 @@ impl<C: Frame> All<'_, C> {
             if chosen.len() < MIN_STATIONS.max(self.stations.len().div_ceil(2)) {
                 let given = self.stations.len();
                 let first_reason = Some(
-                    "each of the others differs from the common result by more than their scatter; take more poses"
+                    "each of the other pictures differs from the common result by more than their scatter; take \
+                     more poses"
                         .to_owned(),
                 );
                 return Err(CalibError::TooFewPictures {

@@ -111,8 +111,8 @@ pub fn no_such_board(look: &BoardMeasurement, board: &Board) -> Option<Reason> {
     if rms_px.is_nan() || rms_px > MAX_PNP_RMS_PX {
         let [rms, allowed] = apart(rms_px, MAX_PNP_RMS_PX, 2);
         return Some(implausible(format!(
-            "the corners are {rms} px rms off the places at which this lens would see a flat board of squares \
-             (limit {allowed} px): is the board flat, and is the picture this camera's?"
+            "the corners are {rms} px rms off the positions at which this lens would see a flat board of squares \
+             (limit {allowed} px): check that the board is flat, and that the picture is from this camera."
         )));
     }
     let (measured_mm, square_mm) = (look.measured_square_mm?, board.square_mm());
@@ -120,7 +120,7 @@ pub fn no_such_board(look: &BoardMeasurement, board: &Board) -> Option<Reason> {
     (differs.is_nan() || differs > MAX_SQUARE_SHARE).then(|| {
         let [share, allowed] = percent_apart(differs, MAX_SQUARE_SHARE, 1);
         implausible(format!(
-            "the 3D camera measures squares of {} mm, the board's are stated as {square_mm} mm, a difference of \
+            "the 3D camera measures squares of {} mm, but the stated side is {square_mm} mm, a difference of \
              {share} % (limit {allowed} %): measure the board, and correct its size.",
             fixed(measured_mm, 2)
         ))
@@ -134,8 +134,9 @@ pub fn outside_of_lens(extent: &LensExtent, pixels: impl IntoIterator<Item = Pix
     let pixel = pixels.into_iter().find(|pixel| !extent.holds(*pixel))?;
     let (u, v) = (fixed(pixel.u, 0), fixed(pixel.v, 0));
     let message = format!(
-        "pixel ({u}, {v}) lies outside of the part of the picture in which the lens is known to {error_px:.2} px (supported_px in \
-         its file): look from a pose that shows it nearer to the middle, or calibrate the lens with pictures of the board there"
+        "pixel ({u}, {v}) lies outside of the part of the picture in which the lens is calibrated to {error_px:.2} \
+         px (supported_px in its file): take the picture from a pose that shows this point nearer to the middle, \
+         or calibrate the lens with pictures of the board in this part"
     );
     Some(Reason::new("outside_of_lens", message))
 }
@@ -153,8 +154,8 @@ pub fn no_look_at(known: &Rigid<Base, BoardFrame>, look: &BoardMeasurement, boar
     if turn_deg.is_nan() || turn_deg > MAX_TURN_DEG {
         let [turn, allowed] = apart(turn_deg, MAX_TURN_DEG, 0);
         return Some(implausible(format!(
-            "the board appears turned by {turn}° (limit {allowed}°); check: are its corners counted as in the \
-             target's file, is it still in its place, is --flange the pose at this picture?"
+            "the board appears turned by {turn}° (limit {allowed}°): check that its corners are counted as in the \
+             target's file, that the board was not moved, and that --flange is the flange pose of this picture."
         )));
     }
     let (middle, first) = (board.middle(), Point::at(0.0, 0.0, 0.0));
@@ -162,8 +163,9 @@ pub fn no_look_at(known: &Rigid<Base, BoardFrame>, look: &BoardMeasurement, boar
     (off_mm.is_nan() || off_mm > allowed_mm).then(|| {
         let [off, allowed] = apart(off_mm, allowed_mm, 0);
         implausible(format!(
-            "the board appears {off} mm from its place (limit: half of its diagonal, {allowed} mm): is it still in \
-             its place, is its size right in the target's file, is --flange the pose at this picture?"
+            "the board appears {off} mm from its expected position (limit: half of its diagonal, {allowed} mm): \
+             check that the board was not moved, that its size in the target's file is right, and that --flange is \
+             the flange pose of this picture."
         ))
     })
 }
@@ -175,8 +177,8 @@ pub fn depth_differs(farther_mm: f64, limit_mm: f64) -> Option<Reason> {
         let [found, allowed] = apart(farther_mm.abs(), limit_mm, 2);
         let way = if farther_mm > 0.0 { "farther away" } else { "nearer" };
         let message = format!(
-            "the 3D camera's own points put the board {found} mm {way} than its picture does, the limit is {allowed} mm: measure the board's squares, \
-             and the camera's scale with panelprep calibrate scanner"
+            "the 3D camera's own points put the board {found} mm {way} than its picture does (limit {allowed} mm): \
+             measure the board's squares, and measure the camera's scale with `panelprep calibrate scanner`"
         );
         Reason::new("depth_differs", message)
     })
@@ -184,8 +186,8 @@ pub fn depth_differs(farther_mm: f64, limit_mm: f64) -> Option<Reason> {
 
 fn implausible(what: String) -> Reason {
     let message = format!(
-        "{what} Nothing of this measurement was stored, and the last verification still counts; if the camera was \
-         moved by this much, calibrate it again before the next cycle"
+        "{what} This measurement was not stored, and the last verification remains valid; if the camera was really \
+         moved by this amount, calibrate it again before the next cycle"
     );
     Reason::new("implausible", message)
 }
@@ -197,8 +199,8 @@ pub fn beyond(last: &Verification, demands: VerificationLimits) -> Option<Reason
     (found.is_nan() || found > allowed).then(|| {
         let ([found, allowed], unit) = (apart(found, allowed, 3), unit(subject));
         let message = format!(
-            "the last verification of {subject} was off by {found} {unit} (limit {allowed} {unit}); check whether \
-             something was bumped, calibrate {subject} again, and verify it"
+            "the last verification of {subject} found an error of {found} {unit} (limit {allowed} {unit}); check \
+             whether something was bumped, calibrate {subject} again, and verify it"
         );
         Reason::new("verification_limit", message)
     })
@@ -224,7 +226,7 @@ pub fn health(
     demands: VerificationLimits,
 ) -> Judgement {
     let Some(last) = last else {
-        let message = format!("{subject} was never verified; {}", advice(subject));
+        let message = format!("{subject} has never been verified; {}", advice(subject));
         return Judgement::new(vec![Reason::new("not_verified", message)], vec![]);
     };
     if let Some(Strike { by, why, .. }) = &last.struck {
@@ -248,8 +250,10 @@ pub fn health(
     }
     reject.extend(beyond(last, demands));
     if last.calibration_hash != calibration_hash {
-        let message =
-            format!("{subject} was verified with other calibration files than today's; {}", advice(subject));
+        let message = format!(
+            "{subject} was verified with calibration files other than the present ones; {}",
+            advice(subject)
+        );
         reject.push(Reason::new("verification_other", message));
     }
     Judgement::new(reject, vec![])
@@ -267,7 +271,8 @@ pub fn ends_soon(last: &Verification, now_unix_s: i64, demands: VerificationLimi
         let (subject, advice) = (&last.subject, advice(&last.subject));
         let [age, allowed] = apart(age_h, demands.max_age_h, 1);
         let message = format!(
-            "{subject} was verified {age} h ago; no cycle starts once that is more than {allowed} h; {advice}"
+            "{subject} was verified {age} h ago; no cycle can start when this is more than {allowed} h ago; \
+             {advice}"
         );
         Reason::new("verification_ends", message)
     })
@@ -399,7 +404,7 @@ mod tests {
             no_look_at(&known, &BoardMeasurement { base_from_board, pnp_rms_px, measured_square_mm }, &board)
         };
         for (kept, refused, words) in [
-            (look(99.0, 0.0, 0.1, None), look(101.0, 0.0, 0.1, None), "101 mm from its place"),
+            (look(99.0, 0.0, 0.1, None), look(101.0, 0.0, 0.1, None), "101 mm from its expected position"),
             (look(0.0, 19.0, 0.1, None), look(0.0, 21.0, 0.1, None), "turned by 21°"),
             (look(0.0, 0.0, 0.9, None), look(0.0, 0.0, 1.1, None), "1.10 px rms"),
             (look(0.0, 0.0, 0.1, Some(40.7)), look(0.0, 0.0, 0.1, Some(40.9)), "squares of 40.90 mm"),

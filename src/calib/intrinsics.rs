@@ -143,8 +143,8 @@ pub fn calibrate(size: (usize, usize), views: &[View], options: Options) -> Resu
         let name = &used[worst].name;
         let [off, limit] = apart(rms[worst], limit_px, 2);
         let reason = format!(
-            "its corners are {off} px off, the limit from the other pictures is {limit} px; blurred, or the board was bent \
-             or moved"
+            "its corners are {off} px off (limit {limit} px, from the other pictures): the picture is blurred, or \
+             the board was bent or moved"
         );
         if let Some(index) = views.iter().position(|view| view.name == *name) {
             aside[index] = Some((rms[worst], reason));

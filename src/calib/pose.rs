@@ -39,7 +39,7 @@ pub fn board_pose<C: Frame>(
 /// Returns the pose that maps the board's points best onto the measured ones.
 fn kabsch<C: Frame>(corners: &[(Point<Board>, Point<C>)]) -> Result<BoardPose<C>, CalibError> {
     if corners.len() < 4 {
-        let words = format!("{} points of the board were measured; 4 are needed", corners.len());
+        let words = format!("{} points of the board were measured; at least 4 are needed", corners.len());
         return Err(CalibError::Points(words));
     }
     let on_a_line =

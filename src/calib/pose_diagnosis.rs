@@ -77,10 +77,13 @@ impl std::fmt::Display for Meaning {
             }
             Meaning::Quaternion(words) => write!(f, "the angles come from a quaternion in another order: {words}"),
             Meaning::Transposed => {
-                write!(f, "the rotations are transposed (inverted), the places are not; write base_from_flange")
+                write!(
+                    f,
+                    "the rotations are transposed (inverted), but the positions are not; write base_from_flange"
+                )
             }
             Meaning::LeftHanded => {
-                write!(f, "the axes are left-handed, one of them is negated; write right-handed frames")
+                write!(f, "the frames are left-handed, because one axis is negated; write right-handed frames")
             }
             Meaning::Radians => write!(f, "the angles are in radians; write A, B, C in degrees"),
             Meaning::Shifted { late } => {
@@ -88,13 +91,20 @@ impl std::fmt::Display for Meaning {
                 write!(f, "each picture matches the pose {where_to} its own: the list is shifted by one picture")
             }
             Meaning::Mirrored => {
-                write!(f, "the pictures are mirrored, left for right; take them as the camera's sensor sees them")
+                write!(
+                    f,
+                    "the pictures are mirrored, left to right; use the pictures as the camera's sensor sees them"
+                )
             }
             Meaning::Lengths { ratio, square_mm } => {
                 let (found, stated) = (fixed(ratio * square_mm, 3), *square_mm);
-                write!(f, "the board's squares measure {found} mm by the robot's motions, {stated} mm are stated")?;
+                write!(
+                    f,
+                    "according to the robot's motions, the board's squares measure {found} mm, but the stated side \
+                     is {stated} mm"
+                )?;
                 match unit_of(*ratio) {
-                    Some(unit) => write!(f, "; or the places of the poses are in {unit}, not in mm"),
+                    Some(unit) => write!(f, "; or the positions of the poses are in {unit}, not in mm"),
                     None => write!(f, "; measure the board and correct --square-mm"),
                 }
             }
@@ -105,6 +115,11 @@ impl std::fmt::Display for Meaning {
 impl std::fmt::Display for Reading {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let (left, next) = (fixed(self.median_mm, 3), fixed(self.next_mm, 1));
-        write!(f, "{}. Read so, they fit to {left} mm, the next best reading leaves {next} mm", self.meaning)
+        write!(
+            f,
+            "{}. With this interpretation, the poses fit to {left} mm; the next best interpretation leaves {next} \
+             mm",
+            self.meaning
+        )
     }
 }

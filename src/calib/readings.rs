@@ -165,9 +165,9 @@ fn ways() -> Vec<(Meaning, Way)> {
             let [a, b, c] = other_triple(angles);
             turn_about('z', a) * turn_about('x', b) * turn_about('z', c)
         }),
-        angles("A has the other sign", |[a, b, c]| kuka([-a, b, c])),
-        angles("B has the other sign", |[a, b, c]| kuka([a, -b, c])),
-        angles("C has the other sign", |[a, b, c]| kuka([a, b, -c])),
+        angles("the sign of A is wrong", |[a, b, c]| kuka([-a, b, c])),
+        angles("the sign of B is wrong", |[a, b, c]| kuka([a, -b, c])),
+        angles("the sign of C is wrong", |[a, b, c]| kuka([a, b, -c])),
         angles("A and B are exchanged", |[a, b, c]| kuka([b, a, c])),
         angles("B and C are exchanged", |[a, b, c]| kuka([a, c, b])),
         (

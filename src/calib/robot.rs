@@ -56,7 +56,10 @@ fn nominal(data: &RobotData) -> Correction {
 pub fn calibrate(data: &RobotData) -> Result<RobotFound, CalibError> {
     let unsettled = || CalibError::NotSettled { what: "the arm" };
     if data.views.len() < MIN_VIEWS {
-        let message = format!("{} pictures show the board, {MIN_VIEWS} are needed for an arm", data.views.len());
+        let message = format!(
+            "{} pictures show the board; at least {MIN_VIEWS} are needed to calibrate an arm",
+            data.views.len()
+        );
         return Err(CalibError::Points(message));
     }
     if let Some(message) = wrong_axes(data) {
@@ -121,7 +124,8 @@ fn wrong_touch(data: &RobotData) -> Option<String> {
     };
     if data.touches.iter().any(|touch| is_other(&touch)) {
         return Some(
-            "a board corner can be touched only if the board does not move, and a place that a camera sees only if the camera is fixed"
+            "a board corner can be touched only if the board does not move, and a point that a camera sees only if \
+             the camera is fixed"
                 .to_owned(),
         );
     }

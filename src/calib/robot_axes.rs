@@ -50,18 +50,20 @@ pub(super) fn wrong_axes(data: &RobotData) -> Option<String> {
         fits(screws(&mend)) && (!is_stated || agrees(&mend))
     });
     let why = match fault {
-        Some(fault) => format!("{fault} in the file: with that mended all agree"),
-        None => "no exchange of two axes and no wrong sign explains it: are the arm's lengths in [arm] this arm's, are the \
-                 pictures those of these poses, and is the pose that of the flange, without a tool or a base?"
-            .to_owned(),
+        Some(fault) => format!("{fault} in the file; after this correction all data agree"),
+        None => {
+            "no exchange of two axes and no wrong sign explains this; check that [arm] has the lengths of this \
+             arm, and that the poses are those of the flange at these pictures, without a tool or a base"
+                .to_owned()
+        }
     };
     let ([mm, most_mm], [deg, most_deg]) = (apart(mm, SAME_MM, 1), apart(deg, SAME_DEG, 1));
     let [turn, most_turn] = apart(turn_deg, SAME_TURN_DEG, 1);
     let [shift, most_shift] = apart(shift_mm, SAME_SHIFT_MM, 1);
     Some(format!(
-        "axis angles and base_from_flange are up to {mm} mm and {deg}° apart (limits {most_mm} mm and \
-         {most_deg}°); between pictures the board and the flange by its axis angles move differently, by {turn}° \
-         and {shift} mm rms (limits {most_turn}° and {most_shift} mm); {why}"
+        "axis angles and base_from_flange differ by up to {mm} mm and {deg}° (limits {most_mm} mm and \
+         {most_deg}°); between pictures, the motions of the board and of the flange by its axis angles differ by \
+         {turn}° and {shift} mm rms (limits {most_turn}° and {most_shift} mm); {why}"
     ))
 }
 

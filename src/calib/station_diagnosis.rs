@@ -92,30 +92,35 @@ impl std::fmt::Display for Suspect {
         match &self.fault {
             Fault::Flipped => write!(
                 f,
-                "its board was read upside down (turned by 180° it fits); use a board with one odd and one even \
-                 side, or leave the picture out"
+                "the board in this picture was detected upside down (turned by 180° it fits); use a board with one \
+                 odd and one even side, or omit the picture"
             ),
-            Fault::Swapped { with } => write!(f, "it and {with} fit at each other's pose; exchange them"),
+            Fault::Swapped { with } => write!(f, "this picture and {with} fit at each other's pose; exchange them"),
             Fault::ShowsPoseOf { other } => {
-                write!(f, "it matches the pose of {other}; name the right picture, or leave it out")
+                write!(f, "this picture matches the pose of {other}; name the right picture, or omit it")
             }
             Fault::Mistyped { key, written, seen } => {
-                write!(f, "its {key} is {written}, according to the picture it is {seen:.3}; correct the number")
+                write!(
+                    f,
+                    "its {key} is stated as {written}, but according to the picture it is {seen:.3}; correct the \
+                     value"
+                )
             }
             Fault::Exchanged { key, other } => write!(f, "its {key} and {other} fit when exchanged; correct them"),
             Fault::Grazing { tilt_deg } => write!(
                 f,
                 "the board is seen at {tilt_deg:.0}° from its normal, an angle at which corners are inaccurate; \
-                 leave the picture out"
+                 omit the picture"
             ),
             Fault::Rough { rms, usual } => write!(
                 f,
-                "its corners miss the board's pose by {rms:.3} rms, those of the other pictures by {usual:.3}; leave the picture out"
+                "the residual of its corners is {rms:.3} rms, that of the other pictures {usual:.3}; omit the \
+                 picture"
             ),
             Fault::Little => write!(
                 f,
-                "that is more than the scatter of the others, but too little for a wrong number; leave the picture \
-                 out, or take it again"
+                "this deviation is larger than the scatter of the other pictures, but too small for a wrong \
+                 number; omit the picture, or take it again"
             ),
             Fault::Unknown { needed } => {
                 let mut pose = String::new();
@@ -123,8 +128,7 @@ impl std::fmt::Display for Suspect {
                 let _ = write!(pose, "{needed}");
                 write!(
                     f,
-                    "according to the picture the flange was at {pose}; correct the pose, or leave the \
-                           picture out"
+                    "according to the picture, the flange was at {pose}; correct the pose, or omit the picture"
                 )
             }
         }

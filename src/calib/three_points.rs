@@ -62,7 +62,7 @@ pub fn three_points<A: Arrangement>(
     base_from_flange: Option<Rigid<Base, Flange>>,
 ) -> Result<ThreePoints<A>, CalibError> {
     let [first, second, third, ..] = touched else {
-        return Err(CalibError::Points(format!("{} points were touched; 3 are needed", touched.len())));
+        return Err(CalibError::Points(format!("{} points were touched; at least 3 are needed", touched.len())));
     };
     let on_board = |touched: &Touched| {
         let (column, row) = touched.corner;
@@ -86,7 +86,7 @@ pub fn three_points<A: Arrangement>(
         (false, _) => Isometry3::identity(),
         (true, Some(base_from_flange)) => *base_from_flange.inverse().isometry(),
         (true, None) => {
-            let message = "base_from_flange at the picture is missing; a camera on the flange needs it";
+            let message = "base_from_flange of the picture is missing; a camera on the flange requires it";
             return Err(CalibError::Points(message.to_owned()));
         }
     };

@@ -68,11 +68,14 @@ const MIN_BEHIND_MM: f64 = 20.0;
 pub fn tool_point(poses: &[Rigid<Base, Flange>]) -> Result<ToolPoint, CalibError> {
     let count = poses.len();
     if count < MIN_POSES {
-        return Err(CalibError::Tool(format!("{count} poses hold the tip at one spot; {MIN_POSES} are needed")));
+        return Err(CalibError::Tool(format!(
+            "{count} poses touch the same spot with the tip; at least {MIN_POSES} are needed"
+        )));
     }
     if poses.iter().all(|pose| pose.origin().mm.coords.norm() < IN_METRES) {
         return Err(CalibError::Tool(format!(
-            "each flange lies less than {IN_METRES} mm from the base's origin: are the places in metres? write millimetres"
+            "each flange lies less than {IN_METRES} mm from the base's origin, so the positions seem to be in \
+             metres; write millimetres"
         )));
     }
     let mut a = DMatrix::zeros(3 * count, 6);
@@ -90,8 +93,9 @@ pub fn tool_point(poses: &[Rigid<Base, Flange>]) -> Result<ToolPoint, CalibError
     if lever < MIN_LEVER {
         let [lever, needed] = apart(lever, MIN_LEVER, 3);
         return Err(CalibError::Tool(format!(
-            "the poses turn too little: the tip's weakest direction is determined to {lever}, {needed} is needed; \
-             turn the flange by 30° and more about two axes, and is every angle in degrees?"
+            "the poses turn too little: the rms sine of their rotations in the weakest direction is {lever}, at \
+             least {needed} is needed; turn the flange by 30° and more about two axes, and check that every angle \
+             is in degrees"
         )));
     }
     let singular = || CalibError::Tool("the poses do not determine the tip".to_owned());
@@ -148,9 +152,9 @@ fn behind(point: &ToolPoint, poses: &[Rigid<Base, Flange>]) -> Result<Vec<Vector
 
 /// Returns the plate's normal, and the rms deviation of its points from a plane, mm.
 fn plate(places: &[Point<Base>]) -> Result<(Vector3<f64>, Option<f64>), CalibError> {
-    let few = |why: &str| CalibError::Tool(format!("the plate's {} touched places {why}", places.len()));
+    let few = |why: &str| CalibError::Tool(format!("the {} touched points of the plate {why}", places.len()));
     if places.len() < 3 {
-        return Err(few("do not determine it; 3 are needed"));
+        return Err(few("do not determine it; at least 3 are needed"));
     }
     let mean: Vector3<f64> = places.iter().map(|place| place.mm.coords).sum::<Vector3<f64>>() / places.len() as f64;
     let spread: Matrix3<f64> =

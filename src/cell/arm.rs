@@ -152,7 +152,10 @@ pub(super) fn parse_arm(section: &Section<'_, '_>, keep_out: &[Section<'_, '_>])
     for axis in 0..6 {
         let (low, high) = (axes.min_deg[axis], axes.max_deg[axis]);
         if low + 2.0 * table.limit_margin_deg >= high {
-            let message = format!("axis {} from {low} to {high}° has no range left between the margins", axis + 1);
+            let message = format!(
+                "axis {}: the range from {low} to {high}° is not larger than the margins at both limits",
+                axis + 1
+            );
             section.problem("max_deg", message);
             return None;
         }
@@ -177,7 +180,7 @@ fn known(section: &Section<'_, '_>, table: &ArmTable, preset: &Preset) -> Option
     ];
     let wrong: Vec<&str> = given.iter().filter(|(_, given)| *given).map(|(key, _)| *key).collect();
     for key in &wrong {
-        section.problem(key, "is the model's own; set model = \"custom\" to state another arm, whole");
+        section.problem(key, "is defined by the model; set model = \"custom\" to state all values of another arm");
     }
     let axes = ArmAxes {
         min_deg: table.min_deg.unwrap_or(own.min_deg),
@@ -192,7 +195,10 @@ fn known(section: &Section<'_, '_>, table: &ArmTable, preset: &Preset) -> Option
         ("max_speed_deg_s", (0..6).find(|i| axes.max_speed_deg_s[*i] > own.max_speed_deg_s[*i])),
     ] {
         if let Some(axis) = beyond {
-            section.problem(key, format!("axis {}: a cell may be stricter than the arm, never laxer", axis + 1));
+            section.problem(
+                key,
+                format!("axis {}: the limit of the cell must not be wider than the limit of the arm", axis + 1),
+            );
             wider = true;
         }
     }
@@ -248,7 +254,7 @@ fn custom(section: &Section<'_, '_>, table: &ArmTable) -> Option<(ArmGeometry, A
 
 fn needed<T>(section: &Section<'_, '_>, key: &str, value: Option<T>) -> Option<T> {
     if value.is_none() {
-        section.problem(key, "is missing; model = \"custom\" needs every number of the arm");
+        section.problem(key, "is missing; model = \"custom\" needs all values of the arm");
     }
     value
 }
@@ -299,7 +305,7 @@ mod tests {
     #[test]
     fn another_arm_is_stated_whole() {
         let wrong = problems("[arm]\nmodel = 'custom'\na1_mm = 150\n");
-        assert!(wrong.len() == 11 && wrong.iter().all(|line| line.contains("needs every number")), "{wrong:?}");
+        assert!(wrong.len() == 11 && wrong.iter().all(|line| line.contains("needs all values")), "{wrong:?}");
         let other = "[arm]\nmodel = 'custom'\na1_mm = 150\na2_mm = -20\nb_mm = 0\nc1_mm = 450\nc2_mm = 610\n\
                      c3_mm = 660\nc4_mm = 80\noffsets_deg = [0, -90, 0, 0, 0, 0]\nsigns = [-1, 1, 1, -1, 1, -1]\n\
                      min_deg = [-170, -190, -120, -185, -120, -350]\nmax_deg = [170, 45, 156, 185, 120, 350]\n\

@@ -71,8 +71,8 @@ impl Broker {
             return None;
         }
         if scheme == OPEN && login != BrokerLogin::Anybody && !is_this_computer(&host) {
-            let message = "begins with nats:// and leads to another computer: anybody on the network could read \
-                           the password; write tls://";
+            let message = "begins with nats://, but the broker is on another computer: the password could be read on \
+                           the network; write tls://";
             section.problem(key, message);
             return None;
         }
@@ -105,11 +105,11 @@ mod tests {
         for (wrong, words) in [
             (
                 format!("broker = 'nats://office'\n{login}"),
-                "office.broker: begins with nats:// and leads to another computer",
+                "office.broker: begins with nats://, but the broker is on another computer",
             ),
             (
                 "broker = 'nats://office'\ncredentials = 'c'".to_owned(),
-                "office.broker: begins with nats:// and leads to another computer",
+                "office.broker: begins with nats://, but the broker is on another computer",
             ),
             ("broker = 'nats://127.0.0.1'\nca = 'c'".to_owned(), "office.ca: is used only with tls://"),
             (

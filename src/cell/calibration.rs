@@ -103,7 +103,8 @@ impl Intrinsics {
         let within = SIZE_PX.contains(&camera.width_px) && SIZE_PX.contains(&camera.height_px);
         if !within || [camera.fx_px, camera.fy_px].iter().any(|focal| !FOCAL_PX.contains(focal)) {
             return Err(wrong(format!(
-                "a picture of {}×{} px with focal lengths of {} and {} px; the limits are {} to {} px and {} to {} px",
+                "found a picture of {}×{} px with focal lengths of {} and {} px; the limits are {} to {} px and {} to \
+                 {} px",
                 camera.width_px,
                 camera.height_px,
                 camera.fx_px,
@@ -116,7 +117,10 @@ impl Intrinsics {
         }
         if let Some(corner) = corner_without_ray(&camera) {
             let [u, v] = [corner.u, corner.v];
-            return Err(wrong(format!("the distortion gives pixel ({u}, {v}) no ray; is it this camera's?")));
+            return Err(wrong(format!(
+                "with this distortion, the pixel ({u}, {v}) has no ray; check that the distortion is that of this \
+                 camera"
+            )));
         }
         Ok(Intrinsics::from_camera(camera))
     }
@@ -165,8 +169,13 @@ impl Intrinsics {
         };
         if let Some(corner) = corner_without_ray(&camera) {
             let [u, v] = [corner.u, corner.v];
-            section
-                .problem("k1", format!("k1, k2, p1, p2, k3 give pixel ({u}, {v}) no ray; are they this camera's?"));
+            section.problem(
+                "k1",
+                format!(
+                    "with k1, k2, p1, p2 and k3, the pixel ({u}, {v}) has no ray; check that these values are those of \
+                     this camera"
+                ),
+            );
             return None;
         }
         let covariance = covariance?.map(|covariance| covariance.0);

@@ -49,7 +49,10 @@ pub(super) fn parse_camera<Device>(
     let needs = device.keys.iter().map(|key| (*key, device.word)).chain([("folder", "recorded")]);
     let mut right = true;
     for (key, needs) in needs.filter(|(key, needs)| section.has(key) && kind != *needs) {
-        section.problem(key, format!("has no effect with kind = \"{kind}\"; it is for kind = \"{needs}\""));
+        section.problem(
+            key,
+            format!("has no effect with kind = \"{kind}\"; this key is valid only with kind = \"{needs}\""),
+        );
         right = false;
     }
     let missing = device.required.iter().filter(|(key, _)| kind == device.word && !section.has(key));
@@ -61,7 +64,7 @@ pub(super) fn parse_camera<Device>(
         ("simulated", _) => Camera::Simulated,
         ("recorded", Some(folder)) => Camera::Recorded { folder: cell_folder.join(folder) },
         ("recorded", None) => {
-            section.problem("folder", "is missing; kind = \"recorded\" needs the folder to play");
+            section.problem("folder", "is missing; kind = \"recorded\" needs the folder of the recording");
             return None;
         }
         _ => Camera::Device(taken?),
@@ -222,7 +225,7 @@ pub(super) fn parse_robot(section: &Section<'_, '_>) -> Option<Robot> {
         (_, Some(host))
             if host.parse::<IpAddr>().is_ok_and(|address| address.is_unspecified() || address.is_multicast()) =>
         {
-            section.problem("host", format!("found \"{host}\", which is the address of no single machine"));
+            section.problem("host", format!("found \"{host}\", which is not the address of a single machine"));
             return None;
         }
         (_, Some(host)) if !is_host(&host) => {

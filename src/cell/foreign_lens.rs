@@ -90,11 +90,16 @@ pub(super) fn read(text: &str) -> Result<PinholeCamera, String> {
     let coefficients = numbers(top, &names);
     // Four coefficients of a fisheye lens are not k1, k2, p1, p2, and its file may look the same.
     if !matches!((coefficients.len(), model), (5.., _) | (4, Some(_))) {
-        return Err("distortion_coefficients k1, k2, p1, p2 and k3 are missing; of four alone, distortion_model plumb_bob too".to_owned());
+        return Err(
+            "distortion_coefficients k1, k2, p1, p2 and k3 are missing; a file with only four coefficients must also \
+             state distortion_model plumb_bob"
+                .to_owned(),
+        );
     }
     if coefficients.iter().skip(5).any(|coefficient| *coefficient != 0.0) {
         return Err(format!(
-            "{} distortion coefficients are not zero; known are k1, k2, p1, p2, k3: calibrate without the rational model",
+            "found {} distortion coefficients; this program supports only k1, k2, p1, p2 and k3: calibrate without the \
+             rational model",
             coefficients.len()
         ));
     }

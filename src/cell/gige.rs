@@ -49,7 +49,7 @@ fn parse(section: &Section<'_, '_>) -> Option<Gige> {
     let packet_bytes = section.parse("packet_bytes", 576..=9_000, Some(1_400));
     let (serial, address) = (serial?, address?);
     if serial.is_some() && address.is_some() {
-        section.problem("address", "serial names a camera already; name it by one of the two");
+        section.problem("address", "cannot be combined with serial; state only one of the two keys");
         return None;
     }
     Some(Gige {

@@ -84,7 +84,7 @@ pub(super) fn parse_limits(section: &Section<'_, '_>) -> Option<Limits> {
     }
     if limits.watchdog_ms < 2 * limits.heartbeat_ms {
         let (found, allowed) = (limits.watchdog_ms, 2 * limits.heartbeat_ms);
-        wrong.push(("watchdog_ms", format!("found {found}, at least two heartbeats are needed, {allowed}")));
+        wrong.push(("watchdog_ms", format!("found {found}, the minimum is {allowed}, twice heartbeat_ms")));
     }
     match (limits.box_min_mm, limits.box_max_mm) {
         (Some(low), Some(high)) if (0..3).any(|axis| low[axis] >= high[axis]) => {

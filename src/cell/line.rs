@@ -41,7 +41,8 @@ pub(super) fn parse_line(
     let missing: Vec<String> =
         missing.into_iter().chain(outputs.map(|signal| format!("io.line_outputs.{}", signal.name()))).collect();
     if !missing.is_empty() {
-        let message = format!("needs all of its signals; missing: {}", missing.join(", "));
+        let message =
+            format!("the handshake with the line needs all of its signals; missing: {}", missing.join(", "));
         section.problem("recipe", message);
         return None;
     }
@@ -79,12 +80,15 @@ mod tests {
                 "missing: io.feedbacks.part_present",
             ),
             (format!("{}[line]\nrecipe = 'a'", IO.replace("fault = 45\n", "")), "missing: io.line_outputs.fault"),
-            (IO.replace("pass = 42", "pass = 5"), "io.line_outputs.pass: found 5, which is tool's number"),
+            (
+                IO.replace("pass = 42", "pass = 5"),
+                "io.line_outputs.pass: found 5, which is already the number of tool",
+            ),
             (
                 IO.replace("pass = 42", "passed = 42"),
                 "io.line_outputs.passed: is not a signal for a line; valid: ready",
             ),
-            (IO.replace("pass = 42", "pass = 41"), "found 41, which is cycle_done's number already"),
+            (IO.replace("pass = 42", "pass = 41"), "found 41, which is already the number of cycle_done"),
         ] {
             let told = read(&text).expect_err("wrong");
             assert!(told.contains(words), "{words}: {told}");

@@ -49,7 +49,9 @@ pub(super) fn parse_line_outputs(
         let taken = outputs.iter().find(|(_, other)| *other == number);
         let wrong = match (name.parse::<LineSignal>(), taken) {
             (Err(_), _) => format!("is not a signal for a line; valid: {}", names()),
-            (_, Some((output, _))) => format!("found {number}, which is {output}'s number in [io.outputs]"),
+            (_, Some((output, _))) => {
+                format!("found {number}, which is already the number of {output} in [io.outputs]")
+            }
             _ => continue,
         };
         section.problem(name, wrong);

@@ -260,7 +260,10 @@ pub(super) fn parse_io(section: &Section<'_, '_>) -> Option<InputsOutputs> {
     let proves = |number: &u16| io.feedbacks.values().any(|feedback| feedback == number);
     let feigned: Vec<_> = io.mapped_inputs.iter().filter(|(_, number)| proves(number)).collect();
     for (name, number) in &feigned {
-        mapped.problem(name, format!("found {number}, which is a feedback's; a feedback is read and never set"));
+        mapped.problem(
+            name,
+            format!("found {number}, which is the number of a feedback; feedbacks are only read, never set"),
+        );
     }
     let mut right = constant.is_empty() && feigned.is_empty();
     for (key, found, most) in
@@ -281,11 +284,11 @@ fn parse_off_after(section: &Section<'_, '_>, outputs: &BTreeMap<String, u16>) -
     for (name, after_s) in &stated {
         let wrong = if !outputs.contains_key(name) {
             let names = outputs.keys().map(String::as_str).collect::<Vec<_>>().join(", ");
-            format!("is no output of [io.outputs]; valid: {names}")
+            format!("is not an output of [io.outputs]; valid: {names}")
         } else if name == Output::LensShutter.name() {
-            "keeps drops off the cameras and is never switched off here; remove it".to_owned()
+            "protects the cameras from drops and is never switched off automatically; remove this key".to_owned()
         } else if OFF_AT_ONCE.contains(&name.as_str()) && *after_s > 0 {
-            format!("found {after_s}; tool and water go off at once, 0")
+            format!("found {after_s}, valid: 0; tool and water are switched off immediately")
         } else {
             continue;
         };
@@ -335,7 +338,7 @@ fn parse_numbers(section: &Section<'_, '_>) -> Option<BTreeMap<String, u16>> {
     let mut right = true;
     for (name, number) in &named {
         if let Some(first) = first_names.insert(*number, name) {
-            section.problem(name, format!("found {number}, which is {first}'s number already"));
+            section.problem(name, format!("found {number}, which is already the number of {first}"));
             right = false;
         }
     }

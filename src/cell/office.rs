@@ -73,7 +73,7 @@ pub(super) fn parse_office(folder: &Path, section: &Section<'_, '_>) -> Option<O
             .off_without("broker", "the address of the office's broker, such as \"tls://office.example:4222\"");
     };
     let Some(cell) = cell else {
-        section.problem("cell", "is missing: the name by which the office knows this cell, such as \"cell-1\"");
+        section.problem("cell", "is missing; state the name of this cell for the office, such as \"cell-1\"");
         return None;
     };
     Some(Some(Office { broker, cell, behind_min }))

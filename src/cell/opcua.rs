@@ -54,8 +54,8 @@ pub(super) fn parse_opcua(folder: &Path, section: &Section<'_, '_>) -> Option<Op
     section.done();
     let (anonymous, is_unencrypted_allowed) = (anonymous?, unencrypted?);
     if is_unencrypted_allowed && anonymous == Anonymous::Nothing {
-        let message = "found true, but nobody can log in over a connection that is not encrypted, since the \
-                       password could be read on the network; true is valid only together with anonymous = \"read\"";
+        let message = "found true, but log-in is not possible over an unencrypted connection, because the password \
+                       could be read on the network; true is valid only together with anonymous = \"read\"";
         section.problem("unencrypted", message);
         return None;
     }

@@ -73,7 +73,7 @@ pub(super) fn parse_push(folder: &Path, section: &Section<'_, '_>) -> Option<Opt
         (true, None) => {
             section.problem(
                 "ca_certificate",
-                "is missing; https:// needs the certificate of the authority that has signed the server's",
+                "is missing; https:// needs the certificate of the authority (CA) that signed the server's certificate",
             );
             return None;
         }
@@ -88,7 +88,7 @@ pub(super) fn parse_push(folder: &Path, section: &Section<'_, '_>) -> Option<Opt
         (false, None) if token_file.is_some() && !is_this_computer(&to.host) => {
             section.problem(
                 "token_file",
-                "everybody on the way could read the token; to another computer it goes by https:// alone",
+                "the token could be read on the network; write https:// for the address of another computer",
             );
             return None;
         }
@@ -152,7 +152,7 @@ mod tests {
         for (table, problem) in [
             ("to = 'https://a'", "push.ca_certificate: is missing; https:// needs"),
             ("to = 'http://a'\nca_certificate = 'x'", "push.ca_certificate: is used only with https://"),
-            ("to = 'http://a'\ntoken_file = 'x'", "push.token_file: everybody on the way could read the token"),
+            ("to = 'http://a'\ntoken_file = 'x'", "push.token_file: the token could be read on the network"),
             ("to = 'http://a'\nbehind_min = 0", "push.behind_min: found 0"),
             ("ca = 'x'\nto = 'http://a'", "push.ca: unknown key"),
             ("behind_min = 5", "push.to: is missing; this key has no default"),

@@ -74,7 +74,8 @@ fn parse_keep(section: &Section<'_, '_>) -> Option<Retention> {
             section.problem(
                 key,
                 format!(
-                    "found {found}, the minimum is {least}, the value of {name}: failed cycles are kept longer"
+                    "found {found}, the minimum is {least}, the value of {name}: the data of failed cycles must be \
+                     kept at least as long"
                 ),
             );
             right = false;

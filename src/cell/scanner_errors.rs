@@ -82,7 +82,7 @@ impl MeasuredScanner {
             _ => {
                 section.problem(
                     "field_mm",
-                    "field_from, field_to and field_mm belong together, and field_from is less than field_to",
+                    "field_from, field_to and field_mm belong together, and field_from must be less than field_to",
                 );
                 None
             }

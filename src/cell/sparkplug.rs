@@ -132,8 +132,8 @@ fn parse_tls(
         }
         None if is_here && own.is_none() => Some(None),
         None => {
-            let message = "is missing; a broker on another computer is reached by TLS alone: name the certificate of the \
-                           authority that has signed the broker's";
+            let message = "is missing; the connection to a broker on another computer needs TLS: name the certificate \
+                           of the authority (CA) that signed the broker's certificate";
             section.problem("ca_certificate", message);
             None
         }
@@ -187,7 +187,10 @@ mod tests {
         let named = |more: &str| read(&format!("[sparkplug]\n{more}\n{NAMES}")).expect_err("wrong");
         for (more, words) in [
             ("", "sparkplug.broker: is missing"),
-            ("broker = '10.0.0.5'", "sparkplug.ca_certificate: is missing; a broker on another computer"),
+            (
+                "broker = '10.0.0.5'",
+                "sparkplug.ca_certificate: is missing; the connection to a broker on another computer",
+            ),
             ("broker = '10.0.0.5:1883'", "the port has its own key"),
             ("broker = 'localhost'\nport = 0", "valid: a whole number from 1 to 65535"),
             ("broker = 'localhost'\nuser = 'me'", "sparkplug.password_file: is missing; user and password_file"),

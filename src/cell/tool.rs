@@ -96,8 +96,8 @@ const OF_ACF: [&str; 4] = ["host", "tcp_port", "login", "id"];
 const REQUIRED: [(&str, &str); 5] = [
     ("host", "kind = \"acf\" needs the address of its controller"),
     ("stroke_mm", "kind = \"acf\" needs its stroke, in mm, from its data sheet"),
-    ("min_force_n", "kind = \"acf\" needs its strongest pull, in N, as a negative number"),
-    ("max_force_n", "kind = \"acf\" needs its strongest push, in N"),
+    ("min_force_n", "kind = \"acf\" needs the maximum pulling force, in N, as a negative number"),
+    ("max_force_n", "kind = \"acf\" needs the maximum pushing force, in N"),
     ("payload_kg", "kind = \"acf\" needs the mass that it carries, in kg; `panelprep calibrate force` measures it"),
 ];
 
@@ -147,8 +147,8 @@ pub(super) fn parse_tool(section: &Section<'_, '_>) -> Option<Tool> {
     if -tool.min_force_n <= weighs_n {
         let [found, allowed] = apart(tool.min_force_n, -weighs_n, 1);
         let message = format!(
-            "found {found}, it must be below {allowed}, the weight of payload_kg: it holds the tool back in the \
-             air in every orientation"
+            "found {found}, must be below {allowed}, the weight of payload_kg: in the air, this force must hold the \
+             payload back in every orientation"
         );
         section.problem("min_force_n", message);
         return None;
@@ -168,7 +168,7 @@ fn is_right(section: &Section<'_, '_>, kind: Kind, (host, login): (Option<&str>,
         OF_COMPLIANT.iter().filter(|_| kind == Kind::Spring).map(|key| (*key, "\"simulated\" or \"acf\""));
     let of_acf = OF_ACF.iter().filter(|_| kind != Kind::Acf).map(|key| (*key, "\"acf\""));
     for (key, needs) in of_compliant.chain(of_acf).filter(|(key, _)| section.has(key)) {
-        wrong(key, format!("has no effect with kind = \"{word}\"; it is for kind = {needs}"));
+        wrong(key, format!("has no effect with kind = \"{word}\"; this key is valid only with kind = {needs}"));
     }
     for (key, what_to_do) in REQUIRED.iter().filter(|(key, _)| kind == Kind::Acf && !section.has(key)) {
         wrong(key, format!("is missing; {what_to_do}"));
@@ -181,7 +181,10 @@ fn is_right(section: &Section<'_, '_>, kind: Kind, (host, login): (Option<&str>,
     if !is_word {
         wrong(
             "login",
-            format!("found \"{login}\", valid: 1 to 32 letters and digits except k, which ends a telegram"),
+            format!(
+                "found \"{login}\", valid: 1 to 32 printable ASCII characters without spaces and without k, which ends \
+                 a telegram"
+            ),
         );
     }
     right
@@ -217,7 +220,9 @@ mod tests {
         let told = says("[tool]\nstroke_mm = 30\nhost = 'a'");
         assert!(told.contains("f:2: tool.stroke_mm: has no effect with kind = \"spring\""), "{told}");
         assert!(
-            told.contains("f:3: tool.host: has no effect with kind = \"spring\"; it is for kind = \"acf\""),
+            told.contains(
+                "f:3: tool.host: has no effect with kind = \"spring\"; this key is valid only with kind = \"acf\""
+            ),
             "{told}"
         );
         let told = says("[tool]\nkind = 'acf'");
@@ -226,7 +231,7 @@ mod tests {
         }
         assert!(says("[tool]\nkind = 'acff'").contains("acf"));
         assert!(says(&format!("{ACF}login = 'kuka'")).contains("tool.login: found \"kuka\""));
-        assert!(says(&ACF.replace("-100", "-20")).contains("it must be below -20.6, the weight of payload_kg"));
+        assert!(says(&ACF.replace("-100", "-20")).contains("must be below -20.6, the weight of payload_kg"));
         assert!(says(&ACF.replace("172.31.1.150", "172.31.1")).contains("tool.host: found"));
         assert!(says(&format!("{ACF}reply_ms = 400")).contains("10 to 150"));
     }

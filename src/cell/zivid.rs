@@ -35,7 +35,8 @@ fn parse(cell_folder: &Path, section: &Section<'_, '_>) -> Option<ZividCamera> {
     if serial.is_some() && file_camera.is_some() {
         section.problem(
             "file_camera",
-            "cannot be combined with serial: the camera is either a real one or one that a file simulates",
+            "cannot be combined with serial: state serial for a real camera, or file_camera for a camera simulated \
+             from a file",
         );
         return None;
     }
@@ -66,7 +67,8 @@ mod tests {
         let says = |text: &str| Cell::check("f", text).expect_err("refused").to_string();
         let told = says("[scanner]\nsettings = 'scan.yml'\nlibrary = 'x.so'");
         assert!(told.contains(
-            "f:2: scanner.settings: has no effect with kind = \"simulated\"; it is for kind = \"zivid\""
+            "f:2: scanner.settings: has no effect with kind = \"simulated\"; this key is valid only with kind = \
+             \"zivid\""
         ));
         assert!(told.contains("f:3: scanner.library: has no effect"), "{told}");
         let told = says("[scanner]\nkind = 'zivid'\nserial = '1'\nfile_camera = 'a.zfc'");

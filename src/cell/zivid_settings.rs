@@ -121,9 +121,9 @@ impl ZividSettings {
         };
         let mains: Vec<String> = self.fitting().into_iter().map(|mains| mains.name().to_owned()).collect();
         let light = match mains.len() {
-            0 => "a lamp on the mains makes pictures of different brightness; a lamp on direct current does not"
+            0 => "with a mains lamp, the brightness of the pictures varies; with a direct-current lamp, it is constant"
                 .to_owned(),
-            _ => format!("a lamp on mains of {} lights each picture alike", mains.join(" or ")),
+            _ => format!("with a lamp on mains of {}, all pictures have the same brightness", mains.join(" or ")),
         };
         vec![usage.to_owned(), exposures, light]
     }
@@ -212,7 +212,7 @@ fn read(text: &str, usage: Option<ZividUse>, problems: &mut Vec<Problem>) -> Opt
 
 /// Returns the exposures; none at all if one is not stated.
 fn acquisitions(settings: &Node<'_>, usage: ZividUse, problems: &mut Vec<Problem>) -> Vec<f64> {
-    let needed = "a shot is one acquisition or several";
+    let needed = "a shot consists of one or more acquisitions";
     let Some(all) = settings.get("Acquisitions") else {
         problems.push(settings.missing("Acquisitions", needed));
         return Vec::new();
@@ -228,7 +228,7 @@ fn acquisitions(settings: &Node<'_>, usage: ZividUse, problems: &mut Vec<Problem
     for (index, yaml) in each.iter().enumerate() {
         let entry = Node { yaml, key: format!("{}[{index}]", all.key) };
         let Some(acquisition) = entry.get("Acquisition") else {
-            problems.push(entry.missing("Acquisition", "each entry of Acquisitions is one"));
+            problems.push(entry.missing("Acquisition", "each entry of Acquisitions must contain an Acquisition"));
             continue;
         };
         if usage == ZividUse::Film {
@@ -248,8 +248,8 @@ fn acquisitions(settings: &Node<'_>, usage: ZividUse, problems: &mut Vec<Problem
 
 /// Returns what is wrong with the projector's light in an acquisition of a film.
 fn lit(acquisition: &Node<'_>) -> Option<Problem> {
-    const WHY: &str =
-        "the film is lit by the cell's own lamp: the projector's light glares on the water and heats the camera";
+    const WHY: &str = "the cell's own lamp lights the film: the light of the camera's projector would cause glare on \
+                       the water and heat the camera";
     let Some(brightness) = acquisition.get("Brightness") else {
         return Some(
             acquisition.missing("Brightness", &format!("it must be 0, and the SDK's default is not 0; {WHY}")),

@@ -67,9 +67,8 @@ pub(super) fn hold_against_the_cell(
     let cell_text = files[cell_place].1;
     if !not_named.is_empty() {
         let message = format!(
-            "not compared with {}: it is not known whether a stop is received and switches tool and water off, nor \
-             whether signals and ports are the same on both sides; name the controller's files together with this \
-             one",
+            "not compared with {}: it is not verified that a stop is received and switches tool and water off, or that \
+             signals and ports are the same on both sides. Check this file together with the controller's files",
             not_named.join(", ")
         );
         reports[cell_place].says.push(message);
@@ -89,13 +88,14 @@ pub(super) fn hold_against_the_cell(
             line: line_of_key(cell_text, key),
             key: key.to_owned(),
             message: format!(
-                "is {kept}, but the sum of the controller's files is {sum}; the cell was accepted with other files"
+                "is {kept}, but the checksum of the controller's files is {sum}; the cell was accepted with other files"
             ),
         }),
         (Ok(sum), _) => {
             if let Some(place) = place(CONFIG) {
                 let message = format!(
-                    "the programs with this file come to the sum {sum}: programs_sum in [robot] of the cell's file"
+                    "the checksum of the programs with this file is {sum}; state it as programs_sum in [robot] of the \
+                     cell's file"
                 );
                 reports[place].says.push(message);
             }
@@ -109,7 +109,7 @@ pub(super) fn hold_against_the_cell(
         // Named at the value already.
         (Err(SumError::UserEdited { .. }), _) => {}
         (Err(error), Some(kept)) => {
-            reports[cell_place].says.push(format!("programs_sum {kept} is not compared: {error}"));
+            reports[cell_place].says.push(format!("programs_sum {kept} was not compared: {error}"));
         }
         (Err(_), None) => {}
     }

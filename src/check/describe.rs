@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 
 fn say_zivid(zivid: &ZividCamera, device: &str) -> String {
     let which = match (&zivid.serial, &zivid.file_camera) {
-        (_, Some(file)) => format!("{device} played from {}", file.display()),
+        (_, Some(file)) => format!("{device} simulated from {}", file.display()),
         (Some(serial), None) => format!("{device} {serial}"),
         (None, None) => format!("{device}, the only one found"),
     };
@@ -55,7 +55,7 @@ fn say_tool(tool: &Tool) -> String {
         None => "compliant, simulated".to_owned(),
     };
     let (stroke_mm, least_n, most_n, band_n) = (tool.stroke_mm, tool.min_force_n, tool.max_force_n, tool.band_n);
-    format!("{place}; stroke {stroke_mm} mm, {least_n} to {most_n} N, kept within {band_n} N")
+    format!("{place}; stroke {stroke_mm} mm, {least_n} to {most_n} N, force tolerance {band_n} N")
 }
 
 pub(super) fn say_cell(cell: &Cell) -> Vec<String> {
@@ -81,7 +81,7 @@ pub(super) fn say_cell(cell: &Cell) -> Vec<String> {
             list(space.min.mm.coords.as_slice()),
             list(space.max.mm.coords.as_slice())
         ),
-        None => "no box for the tool is stated".to_owned(),
+        None => "no box for the tool is configured".to_owned(),
     };
     vec![
         format!("scanner: {}", say_camera(cell.scanner(), |zivid| say_zivid(zivid, "Zivid"))),
@@ -111,7 +111,7 @@ pub(super) fn say_cell(cell: &Cell) -> Vec<String> {
 fn say_tool_off(cell: &Cell) -> &'static str {
     let has_tool = cell.io().output(Output::Tool).is_some();
     if has_tool && !cell.io().proves_tool_off() {
-        "; tool off is NOT PROVEN: a broken wire of tool_running reads the same as a stopped tool; wire a \
+        "; tool off is NOT PROVEN: a broken wire of tool_running looks the same as a stopped tool; connect a \
          standstill signal as tool_stands"
     } else {
         ""
@@ -123,21 +123,21 @@ pub(super) fn say_recipe(recipe: &Recipe) -> Vec<String> {
     let observation =
         process.observation_s().map_or("as long as the cell's file states".to_owned(), |time| format!("{time} s"));
     let removal = recipe.removal().map(|removal| {
-        format!("{} µm to be removed, nowhere more than {} µm", removal.target_um(), removal.max_um())
+        format!("removal target {} µm, maximum {} µm at any place", removal.target_um(), removal.max_um())
     });
     let mut says = vec![
         format!("panel {}: {} rows by {} columns of grids", recipe.panel(), region.rows(), region.columns()),
-        format!("film watched {observation}, {} pictures a second", process.frames_per_second()),
-        format!("a grid is abraded at most {} times a cycle", process.max_passes_per_grid()),
+        format!("film observed for {observation}, {} pictures per second", process.frames_per_second()),
+        format!("a grid is abraded at most {} times per cycle", process.max_passes_per_grid()),
         format!("a part is abraded in at most {} passes over all its cycles", process.passes_of_a_part()),
         format!(
-            "panel accepted up to {} mm, {}° turned and {}° tilted from its taught place",
+            "panel accepted up to {} mm shift, {}° rotation and {}° tilt from its taught pose",
             locate.max_shift_mm(),
             locate.turn_limit_deg(),
             locate.max_tilt_deg()
         ),
         format!(
-            "disc of {} mm, rows at most {} mm apart, {} mm/s",
+            "disc diameter {} mm, step-over at most {} mm, feed {} mm/s",
             path.disc_diameter_mm(),
             path.step_over_mm(),
             path.feed_mm_s()
@@ -154,19 +154,20 @@ pub(super) fn say_intrinsics(intrinsics: Intrinsics) -> Vec<String> {
     let residual = intrinsics.rms_px.map_or("unknown".to_owned(), |rms_px| format!("{rms_px:.3} px rms"));
     let mut says = vec![
         format!(
-            "camera of {} × {} px that sees about {across:.1}° × {down:.1}°",
+            "camera of {} × {} px with a field of view of about {across:.1}° × {down:.1}°",
             camera.width_px, camera.height_px
         ),
         format!("residual: {residual}"),
     ];
     says.extend(intrinsics.errors.map(|errors| {
         let corrected = if errors.field.is_some() {
-            "the error that is the same in each scan is subtracted"
+            "the systematic error, the same in each scan, is subtracted"
         } else {
-            "no error is the same in each scan"
+            "no systematic error was found"
         };
         format!(
-            "its own errors, by {} scans: {} mm of white noise, {} mm alike over {} mm; {corrected}",
+            "measurement errors of the camera, from {} scans: {} mm of white noise, {} mm of smooth error with a \
+             correlation length of {} mm; {corrected}",
             errors.places,
             fixed(errors.white_mm, 3),
             fixed(errors.smooth_mm, 3),
@@ -174,12 +175,12 @@ pub(super) fn say_intrinsics(intrinsics: Intrinsics) -> Vec<String> {
         )
     }));
     says.extend(intrinsics.extent.model.map(|model| format!("lens model: {model}")));
-    says.extend(intrinsics.extent.left_out.iter().map(|reason| format!("left out of the lens model: {reason}")));
+    says.extend(intrinsics.extent.left_out.iter().map(|reason| format!("excluded from the lens model: {reason}")));
     says.extend(intrinsics.extent.supported.map(|supported| {
         let picture_px2 = (camera.width_px * camera.height_px) as f64;
         let share = polygon::signed_area_px2(&supported.outline_px).abs() / picture_px2;
         format!(
-            "known to {} px in {} % of the picture; measurements outside of that part are refused",
+            "lens calibrated to {} px in {} % of the picture; measurements outside of this part are refused",
             fixed(supported.error_px, 2),
             fixed(share * 100.0, 0)
         )
@@ -190,7 +191,7 @@ pub(super) fn say_intrinsics(intrinsics: Intrinsics) -> Vec<String> {
 /// Returns the arm's name and the source of its numbers; for a custom arm, the nearest named arm.
 fn say_arm(arm: &Arm) -> String {
     match (arm.margins().model(), arm.nearest_named()) {
-        (ArmModel::Named(preset), _) => format!("{}, by the public model of {}", preset.name, preset.source),
+        (ArmModel::Named(preset), _) => format!("{}, from the public model of {}", preset.name, preset.source),
         (ArmModel::Custom, Some((nearest, 0.0))) => {
             format!("custom; its lengths are those of {}", nearest.name)
         }
@@ -209,7 +210,7 @@ pub(super) fn say_correction(correction: &RobotCorrection) -> Vec<String> {
     let [before, after] = [correction.left_out_before_mm, correction.left_out_after_mm].map(|mm| fixed(mm, 3));
     vec![
         format!("correction of the arm, {}", correction.numbers.kind()),
-        format!("pictures that were left out: {before} mm rms off without it, {after} mm with it"),
+        format!("error in validation pictures: {before} mm rms without this correction, {after} mm rms with it"),
     ]
 }
 
@@ -218,7 +219,7 @@ pub(super) fn say_archive(settings: &ArchiveSettings) -> Vec<String> {
     let page = fleet.as_ref().map_or("none".to_owned(), |fleet| format!("at {}", fleet.listen));
     vec![
         format!("the office's page: {page}"),
-        format!("broker {}, at most {waiting_gb} GB wait in it", broker.address),
+        format!("broker {}, at most {waiting_gb} GB of waiting messages", broker.address),
         format!("database {} of {} at {}:{}", database.name, database.user, database.host, database.port),
         format!("files in {}", files.display()),
     ]
@@ -228,18 +229,22 @@ pub(super) fn say_removal(found: &RemovalCalibration) -> Vec<String> {
     let numbers = &found.numbers;
     vec![
         format!(
-            "removal: k {:.3e} mm²/N, σ {} %, by {} coupons that differ by {} % from the model",
+            "removal: k {:.3e} mm²/N, standard deviation {} %, from {} coupons that differ by {} % from the model",
             numbers.preston_mm2_per_n(),
             fixed(numbers.preston_deviation_percent(), 1),
             numbers.coupons(),
             fixed(numbers.coupon_deviation_percent(), 1)
         ),
         match numbers.disc_deviation_percent() {
-            Some(percent) => format!("{} discs, which differ by {} %", numbers.discs(), fixed(percent, 1)),
+            Some(percent) => format!(
+                "{} discs, whose removal differs by {} % from disc to disc",
+                numbers.discs(),
+                fixed(percent, 1)
+            ),
             None => "the scatter from disc to disc is not known: calibrate the removal again".to_owned(),
         },
         format!(
-            "ln k falls by {} on a square metre; orbit of {} mm at {} rev/min, pad of {} N/mm³",
+            "ln k falls by {} per square metre; orbit of {} mm at {} rev/min, pad stiffness {} N/mm³",
             fixed(numbers.wear_per_m2(), 2),
             numbers.orbit_mm(),
             numbers.orbit_rev_min(),
@@ -255,7 +260,7 @@ pub(super) fn say_mount<M: Mount>(mounted: MountedPose<M>) -> Vec<String> {
     let residual = mounted.rms_mm.map_or("unknown".to_owned(), |rms_mm| format!("{rms_mm:.3} mm rms"));
     let mut says = vec![
         format!("{from} at ({}, {}, {}) mm in {to}", fixed(origin.x, 1), fixed(origin.y, 1), fixed(origin.z, 1)),
-        format!("its Z axis points along ({}, {}, {}) there", fixed(axis.x, 2), fixed(axis.y, 2), fixed(axis.z, 2)),
+        format!("its Z axis in that frame: ({}, {}, {})", fixed(axis.x, 2), fixed(axis.y, 2), fixed(axis.z, 2)),
         format!("residual: {residual}"),
     ];
     if M::HAS_AXIS {

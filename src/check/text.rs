@@ -53,7 +53,7 @@ pub fn decode(name: &str, bytes: &[u8]) -> Result<Decoded, NotText> {
         None => UTF_8,
         Some(label) => Encoding::for_label(label.as_bytes()).ok_or_else(|| {
             let message = format!(
-                "the XML declaration names the encoding {label}, which is not known; save the file as UTF-8"
+                "the XML declaration names the encoding {label}, which is not supported; save the file as UTF-8"
             );
             NotText(message)
         })?,
@@ -107,8 +107,10 @@ fn declared_or_assumed(bytes: &[u8], encoding: &'static Encoding, stated: Option
     };
     let warning = || {
         let found = match stated {
-            Some(label) => format!("the XML declaration names {label}, and the file is not written in it"),
-            None => "is not UTF-8, which XML without a declaration is".to_owned(),
+            Some(label) => {
+                format!("the XML declaration names the encoding {label}, but the file has another encoding")
+            }
+            None => "the file is not UTF-8, the encoding of XML without a declaration".to_owned(),
         };
         let message = format!(
             "{found}: read as {taken_as}; save the file as UTF-8, or name its encoding in the declaration, as \
@@ -182,17 +184,18 @@ mod tests {
         let (line, message, text) = warned(b"<A>\n<!-- \xD6\xD0 -->\n</A>");
         assert_eq!((line, text.lines().last()), (2, Some("</A>")));
         assert!(
-            message.starts_with("is not UTF-8, which XML without a declaration is: read as Windows-1252"),
+            message.starts_with(
+                "the file is not UTF-8, the encoding of XML without a declaration: read as Windows-1252"
+            ),
             "{message}"
         );
         let (_, message, text) = warned("<?xml version=\"1.0\" encoding=\"utf-16\"?><A b='ü'/>".as_bytes());
-        assert!(
-            message
-                .starts_with("the XML declaration names utf-16, and the file is not written in it: read as UTF-8")
-        );
+        assert!(message.starts_with(
+            "the XML declaration names the encoding utf-16, but the file has another encoding: read as UTF-8"
+        ));
         assert!(text.ends_with("<A b='ü'/>"));
         let (_, message, _) = warned(b"<?xml version=\"1.0\" encoding=\"utf-8\"?>\n<!-- f\xFCr -->");
-        assert!(message.contains("names utf-8, and the file is not"), "{message}");
+        assert!(message.contains("names the encoding utf-8, but the file has another encoding"), "{message}");
     }
 
     #[test]

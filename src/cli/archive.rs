@@ -59,7 +59,7 @@ fn serve(args: &RunArchive) -> Result<Outcome, Fault> {
     let settings = settings(&args.settings)?;
     let ended = until_a_signal()?;
     work(archive::run(&settings, ended))?;
-    Ok(ended_in_words("the archive has ended"))
+    Ok(ended_in_words("the archive has stopped"))
 }
 
 /// Serves the office's page.
@@ -72,11 +72,11 @@ pub fn fleet(args: &Fleet) -> Result<Outcome, Fault> {
     let told = |address: &FleetAddress| {
         tracing::info!("the office's page: {}", address.url);
         if let Some(fingerprint) = &address.fingerprint {
-            tracing::info!("SHA-256 of its own certificate: {fingerprint}");
+            tracing::info!("SHA-256 of the page's self-signed certificate: {fingerprint}");
         }
     };
     work(serve_fleet(&settings, told, ended))?;
-    Ok(ended_in_words("the office's page has ended"))
+    Ok(ended_in_words("the server of the office's page has stopped"))
 }
 
 fn account(args: &ArchiveAccount) -> Result<Outcome, Fault> {
@@ -85,7 +85,7 @@ fn account(args: &ArchiveAccount) -> Result<Outcome, Fault> {
     let account = user::checked((&args.name, &printed_name), Role::Viewer, &user::password(&args.name)?)?;
     let account = OfficeAccount { name: account.name, printed_name, password_hash: account.password_hash };
     work(Reader::new(&settings).keep_account(&account))?;
-    Ok(ended_in_words(&format!("account {}: it may view the office's page", account.name)))
+    Ok(ended_in_words(&format!("account {}: may view the office's page", account.name)))
 }
 
 fn offer(args: &OfferRecipe) -> Result<Outcome, Fault> {
@@ -97,7 +97,7 @@ fn offer(args: &OfferRecipe) -> Result<Outcome, Fault> {
     let offer = offer.map_err(|error| Fault::file(&args.recipe, error))?;
     work(archive::offer(&settings, &offer))?;
     Ok(ended_in_words(&format!(
-        "recipe {} of the panel {} is offered to every cell that has run this panel",
+        "the recipe with SHA-256 {} for panel {} is offered to every cell that has run this panel",
         offer.hash(),
         offer.panel
     )))
@@ -114,7 +114,7 @@ fn until_a_signal() -> Result<impl Future<Output = ()>, Fault> {
     let (tell, told) = oneshot::channel();
     let wait = move || {
         if signals.forever().next().is_some() && tell.send(()).is_err() {
-            tracing::debug!("nobody waits for the signal any more");
+            tracing::debug!("signal ignored: the command has already ended");
         }
     };
     std::thread::Builder::new().name("signals".to_owned()).spawn(wait).map_err(Fault::stage)?;
@@ -151,10 +151,10 @@ fn check(args: &CheckArchive) -> Result<Outcome, Fault> {
 
 fn words(one: &CheckedCell) -> String {
     let CheckedCell { cell, records, signatures, files, gone, same, .. } = one;
-    let same =
-        same.map_or("not compared with the cell".to_owned(), |same| format!("{same} are the same in the cell"));
+    let same = same
+        .map_or("not compared with the cell".to_owned(), |same| format!("{same} identical to those of the cell"));
     let gone = if *gone > 0 { format!(", {gone} files no longer existed in the cell") } else { String::new() };
-    format!("cell {cell}: {records} records, {same}; {signatures} signatures hold; {files} files are whole{gone}")
+    format!("cell {cell}: {records} records, {same}; {signatures} signatures valid; {files} files undamaged{gone}")
 }
 
 /// Returns a cell's list, from its store or from the file that `store list --json` wrote.
@@ -166,20 +166,24 @@ fn list(named: &str) -> Result<CellList, Fault> {
     let unfit = |problem: String| Fault::file(Path::new(named), problem);
     let Some((name, place)) = named.split_once('=') else {
         return Err(unfit(
-            "valid: the cell's name, = and the folder of its store or the file of its list".to_owned(),
+            "valid: CELL=STORE_OR_LIST, the cell's name and the folder of its store or the file of its list"
+                .to_owned(),
         ));
     };
     let cell = CellName::new(name).map_err(unfit)?;
     if place.is_empty() {
-        return Err(unfit("after = the folder of the cell's store is missing, or the file of its list".to_owned()));
+        return Err(unfit(
+            "nothing follows the =; name the folder of the cell's store or the file of its list".to_owned(),
+        ));
     }
     let place = Path::new(place);
     let listed = if place.is_dir() {
         Store::open(place).and_then(|store| store.outbox_list()).map_err(Fault::stage)?
     } else {
         let text = disk::read_text(place)?;
-        let written: Written = serde_json::from_str(&text)
-            .map_err(|error| unfit(format!("it is no list of `panelprep store list --json`: {error}")))?;
+        let written: Written = serde_json::from_str(&text).map_err(|error| {
+            unfit(format!("the file is not a list from `panelprep store list --json`: {error}"))
+        })?;
         written.records
     };
     Ok(CellList { cell, listed })

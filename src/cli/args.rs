@@ -69,10 +69,10 @@ fn taking_negative_numbers(command: clap::Command) -> clap::Command {
 /// The options of every command.
 #[derive(Debug, Clone, Args)]
 pub struct Common {
-    /// The cell: cameras, robot, calibrations, limits.
+    /// The cell's file: cameras, robot, calibrations, limits.
     #[arg(long, global = true, env = "PANELPREP_CELL", value_name = "FILE", default_value = "config/cell.toml")]
     pub cell: PathBuf,
-    /// Folder that keeps what was taught; without it, the cell's `store`.
+    /// Folder of the store with taught panels and cycles; without this option, `store` of the cell's file.
     #[arg(long, global = true, value_name = "FOLDER")]
     pub store: Option<PathBuf>,
     /// Print one JSON object on standard output and nothing else there.
@@ -90,22 +90,22 @@ pub enum Command {
     /// Write a simulated cell as files: calibrations, recipe, scans, pictures, a clip, and the true values in their
     /// own folder.
     #[command(
-        after_help = "Examples, with the pictures for `panelprep calibrate`, the same panel at another place, and a 3D camera with errors of its own:\n  \
+        after_help = "Examples, with the pictures for `panelprep calibrate`, the same panel at another pose, and a 3D camera with its own errors:\n  \
         panelprep render --seed 1 --boards --out target/cell\n  \
         panelprep render --seed 1 --place 2 --out target/cell2\n  \
         panelprep render --seed 1 --board-scans 16 --scanner-error-mm 1 --out target/cell3"
     )]
     Render(Render),
-    /// Run one cycle on the cell: locate, refine, wet, inspect, abrade what failed, until it passes or no further pass
-    /// is allowed.
+    /// Run one cycle on the cell: locate, refine, wet, inspect, abrade the failed grids, until the panel passes or no
+    /// further pass is allowed.
     #[command(
-        after_help = "Example, after those of `panelprep teach --help` and `panelprep calibrate verify --help`:\n  \
+        after_help = "Example, after the examples of `panelprep teach --help` and `panelprep calibrate verify --help`:\n  \
         panelprep cycle --cell target/cell/cell.toml --recipe target/cell/recipe.toml --seed 1"
     )]
     Cycle(Cycle),
-    /// Fly the planned path over all grids in the air: no water, the tool off, nothing touched.
+    /// Execute the planned path over all grids in the air: no water, tool off, no contact.
     #[command(
-        after_help = "Example, after those of `panelprep teach --help` and `panelprep calibrate verify --help`:\n  \
+        after_help = "Example, after the examples of `panelprep teach --help` and `panelprep calibrate verify --help`:\n  \
         panelprep air-run --cell target/cell/cell.toml --recipe target/cell/recipe.toml --seed 1"
     )]
     AirRun(Cycle),
@@ -113,40 +113,40 @@ pub enum Command {
     #[command(
         after_help = "Examples, with the mock robot of config/cell.toml, which starts at its home pose each \
                       time:\n  panelprep robot state\n  panelprep robot move-j ready\n  panelprep robot move-lin \
-                      --speed-mm-s 30 445,20,682,180,30,180 --json\nTo keep one running between commands, run \
-                      `panelprep mock-robot` and name it as an \"eki\" robot at 127.0.0.1."
+                      --speed-mm-s 30 445,20,682,180,30,180 --json\nTo keep the mock controller running between \
+                      commands, run `panelprep mock-robot` and set [robot] kind = \"eki\" and host = \"127.0.0.1\"."
     )]
     Robot(Robot),
     /// Run a stand-alone mock controller on the cell's ports, in real time.
     #[command(after_help = format!(
         "Example:\n  panelprep mock-robot --config config/kuka --fault e-stop/5s@30s\n\
-        A rehearsal: in a cell with simulated cameras set [robot] kind = \"eki\" and host = \"127.0.0.1\", start this with --cell, \
-        and run `panelprep cycle` with the same cell.\n\n--fault SPEC:\n{}", FaultSpec::HELP
+        A rehearsal: in a cell with simulated cameras set [robot] kind = \"eki\" and host = \"127.0.0.1\", start this command with \
+        --cell, and run `panelprep cycle` with the same cell.\n\n--fault SPEC:\n{}", FaultSpec::HELP
     ))]
     MockRobot(MockRobot),
-    /// Serve the cell until the service is stopped: the service that `panelprep ctl` talks to.
+    /// Run the service of the cell, which receives the requests of `panelprep ctl`, until it is stopped.
     #[command(
-        after_help = "Example, after those of `panelprep teach --help` and `panelprep calibrate verify --help`:\n  \
+        after_help = "Example, after the examples of `panelprep teach --help` and `panelprep calibrate verify --help`:\n  \
         panelprep run --cell target/cell/cell.toml"
     )]
     Run(Run),
     /// After an abort of a cell without a service: confirm that the cause is removed. Checks that the robot is at
-    /// rest, and proves tool and water off. With a service, use `panelprep ctl clear`.
+    /// rest and that tool and water are off. With a service, use `panelprep ctl clear`.
     #[command(after_help = "Example:\n  panelprep clear --cell target/cell/cell.toml")]
     Clear,
-    /// Send a request to the service that runs on this cell: start a cycle, hold it, stop it, show its state.
-    #[command(after_help = "Example, beside `panelprep run --cell target/cell/cell.toml`:\n  \
+    /// Send a request to the running service of this cell: start a cycle, hold or stop the cycle, show the state.
+    #[command(after_help = "Example, while `panelprep run --cell target/cell/cell.toml` runs:\n  \
         panelprep ctl reset --cell target/cell/cell.toml\n  \
         panelprep ctl start --cell target/cell/cell.toml --recipe target/cell/recipe.toml\n  \
         panelprep ctl state --cell target/cell/cell.toml --json\n\
-        And once that cycle is over, the next one, waiting for its end:\n  \
+        After the end of that cycle, start the next cycle and wait for its end:\n  \
         panelprep ctl reset --cell target/cell/cell.toml\n  \
         panelprep ctl start --cell target/cell/cell.toml --recipe target/cell/recipe.toml --part SN-0017 --order W-4 --wait")]
     Ctl(Ctl),
-    /// The 3D camera's worker: started by this program, with a socket as its standard input.
+    /// The worker process of the 3D camera: started by this program, with a socket as its standard input.
     #[command(name = super::zivid::ROLE, hide = true)]
     ZividWorker(ZividWorker),
-    /// Manual pages and shell completions, for `make package`.
+    /// Write manual pages and shell completions, for `make package`.
     #[command(hide = true)]
     PackageFiles(PackageFiles),
     /// Check configuration files: cell, recipe, calibrations, EthernetKRL channels, KRL programs and data lists.
@@ -161,9 +161,9 @@ pub enum Command {
     /// Explain the code of a message and what to do; without a code, list all codes.
     #[command(after_help = "Example:\n  panelprep explain low_overlap")]
     Explain(Explain),
-    /// Calibrate lenses, camera mounts and tools, and report how good they are.
+    /// Calibrate lenses, camera mounts, the arm and tools, and report their uncertainty.
     Calibrate(super::calibrate::args::Calibrate),
-    /// Learn a panel at its nominal place from a scan and corner pictures, or from its drawing.
+    /// Teach a panel at its nominal pose from a scan and corner pictures, or from its drawing.
     #[command(after_help = "Example, after `panelprep render --out target/cell`:\n  \
         panelprep teach --cell target/cell/cell.toml --recipe target/cell/recipe.toml --scan target/cell/taught_scan.pcd \
         --corner target/cell/taught_corner.png --flange target/cell/taught_flange.json --pictures target/cell/pictures\n  \
@@ -175,110 +175,117 @@ pub enum Command {
         panelprep shoot scan --out target/shots\n  \
         panelprep shoot corner --count 2 --out target/shots\n  \
         panelprep shoot film --seconds 2 --pictures-per-second 2 --out target/film\n\
-        Files are numbered on, and none is written over. A film's clip.csv lists its pictures for `panelprep inspect`.")]
+        File numbers continue after those of existing files, and no file is overwritten. A film's clip.csv lists its pictures for `panelprep inspect`.")]
     Shoot(Shoot),
-    /// Draw a scan with a pixel ruler and its missing points, from which a recipe's region is read.
+    /// Draw a scan with a pixel ruler and its missing points, to read the region's corners for a recipe.
     #[command(after_help = "Example, after `panelprep render --out target/cell`:\n  \
         panelprep look --scan target/cell/taught_scan.pcd --pictures target/cell/pictures")]
     Look(Look),
     /// Find the panel's present pose from a scan.
-    #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  \
+    #[command(after_help = "Example, after the example of `panelprep teach --help`:\n  \
         panelprep locate --cell target/cell/cell.toml --recipe target/cell/recipe.toml --scan target/cell/scan.pcd \
         --out target/cell/located.json")]
     Locate(Locate),
     /// Correct the panel's pose with corner pictures.
-    #[command(after_help = "Example, after the one of `panelprep locate --help`:\n  \
+    #[command(after_help = "Example, after the example of `panelprep locate --help`:\n  \
         panelprep refine --cell target/cell/cell.toml --recipe target/cell/recipe.toml --located target/cell/located.json \
         --corner target/cell/corner.png --flange target/cell/flange.json --out target/cell/refined.json")]
     Refine(Refine),
     /// Test a clip of the wet panel for breaks of the water film.
-    #[command(after_help = "Example, after the one of `panelprep locate --help`:\n  \
+    #[command(after_help = "Example, after the example of `panelprep locate --help`:\n  \
         panelprep inspect --cell target/cell/cell.toml --recipe target/cell/recipe.toml --clip target/cell/clip \
         --located target/cell/located.json --pictures target/cell/pictures\n\
         A labelled set, after `panelprep render --clips 6 --out target/cell` and the examples up to `locate`:\n  \
         panelprep inspect --cell target/cell/cell.toml --recipe target/cell/recipe.toml --truth target/cell/set \
         --located target/cell/located.json")]
     Inspect(Inspect),
-    /// From a clip, labelled or clean: how well channels and grids distinguish wet from dry, how even the light is,
-    /// which breaks are surely found, and which values fit the recipe's method (thesis 4.2, 4.3).
-    #[command(after_help = "Example, after the one of `panelprep locate --help`:\n  \
+    /// Report from a clip, labelled or clean: how well channels and grids distinguish wet from dry, how even the light
+    /// is, which breaks are reliably found, and which values suit the recipe's method (thesis 4.2, 4.3).
+    #[command(after_help = "Example, after the example of `panelprep locate --help`:\n  \
         panelprep tune --cell target/cell/cell.toml --recipe target/cell/recipe.toml --clip target/cell/clip \
         --located target/cell/located.json --truth target/cell/truth")]
     Tune(Tune),
     /// Mark where and when the film broke in a clip, on a page in a browser on this computer. The marks are saved
-    /// beside the clip, which then contains its own true mask for `panelprep inspect` and `panelprep tune`.
+    /// in the clip's folder, which then contains its own true mask for `panelprep inspect` and `panelprep tune`.
     #[command(
         after_help = "Example, after `panelprep render --out target/cell`; end the page with its button:\n  \
-                      panelprep label --clip target/cell/clip\nWith the grids of a recipe, after the one of \
+                      panelprep label --clip target/cell/clip\nWith the grids of a recipe, after the example of \
                       `panelprep locate --help`:\n  panelprep label --cell target/cell/cell.toml --recipe \
                       target/cell/recipe.toml --clip target/cell/clip --located \
                       target/cell/located.json\nAfterwards: panelprep inspect with --clip target/cell/clip --truth \
-                      target/cell/clip. The clip's folder then holds labels.json, mask.png and times.png; each \
+                      target/cell/clip. The clip's folder then contains labels.json, mask.png and times.png; each \
                       former labels.json is kept as labels.1.json, labels.2.json and so on."
     )]
     Label(Label),
     /// Plan the sanding path over grids.
-    #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  \
+    #[command(after_help = "Example, after the example of `panelprep teach --help`:\n  \
         panelprep plan --cell target/cell/cell.toml --recipe target/cell/recipe.toml --grids r1c1,r1c2 \
         --out target/cell/plan.json --pictures target/cell/pictures")]
     Plan(Plan),
     /// Make the page of a cycle again, from the cycle's data in the store.
-    #[command(after_help = "Example, after the one of `panelprep cycle --help`:\n  \
+    #[command(after_help = "Example, after the example of `panelprep cycle --help`:\n  \
         panelprep page 1 --cell target/cell/cell.toml")]
     Page(PageOf),
-    /// Search the cycles of the store, compare two, see how numbers develop over many cycles, list alarms.
-    #[command(after_help = "Examples, after the one of `panelprep cycle --help`, also while the service runs:\n  \
+    /// Search the cycles of the store, compare two cycles, show trends over many cycles, list alarms.
+    #[command(
+        after_help = "Examples, after the example of `panelprep cycle --help`, also while the service runs:\n  \
         panelprep history --verdict pass --from 2026-01-01 --cell target/cell/cell.toml\n  \
         panelprep history show 1 --cell target/cell/cell.toml\n  \
         panelprep history trend simulated-panel localization-residual --cell target/cell/cell.toml\n\
-        With --csv each prints a table for a spreadsheet, with --json one object. Times are in UTC.")]
+        With --csv each command prints a table for a spreadsheet, with --json one object. Times are in UTC."
+    )]
     History(History),
-    /// The signed records of cycles: write them out, verify them with the public key, show the head of their chain.
+    /// The signed records of cycles: sign, export and verify them, show the head of their chain.
     Record(RecordCommand),
-    /// Check the store: verify that everything in it is as it was written.
-    #[command(after_help = "Example, after the one of `panelprep teach --help`, also while the service runs:\n  \
-        panelprep store verify --cell target/cell/cell.toml")]
+    /// Check the store: verify that its content was not changed or damaged.
+    #[command(
+        after_help = "Example, after the example of `panelprep teach --help`, also while the service runs:\n  \
+        panelprep store verify --cell target/cell/cell.toml"
+    )]
     Store(StoreCommand),
     /// The office's archive: receives the records that cells send, and proves later that it contains all records of
     /// the cells.
     Archive(Archive),
     /// Serve the office's page over all cells: their states, cycles, statistics, verifications and recipes, from the
     /// archive.
-    #[command(after_help = "Example, beside `panelprep archive run` with the same settings:\n  \
+    #[command(after_help = "Example, while `panelprep archive run` runs with the same settings:\n  \
         panelprep fleet --settings /etc/panelprep/archive.toml")]
     Fleet(Fleet),
     /// Accounts of the operator's page: who may log in, and with which role. The first administrator is made here.
-    #[command(after_help = "Example, after the one of `panelprep teach --help`, also while the service runs:\n  \
+    #[command(
+        after_help = "Example, after the example of `panelprep teach --help`, also while the service runs:\n  \
         panelprep user list --cell target/cell/cell.toml\n\
         And with the password as the first line of standard input:\n  \
-        echo 'a long password' | panelprep user add anna --role administrator --cell target/cell/cell.toml")]
+        echo 'a long password' | panelprep user add anna --role administrator --cell target/cell/cell.toml"
+    )]
     User(User),
     /// Copy the store, the configuration and the calibrations into one archive, which is then read back and
     /// verified. This also works while the service runs.
-    #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  panelprep backup \
+    #[command(after_help = "Example, after the example of `panelprep teach --help`:\n  panelprep backup \
                             target/cell.tar.zst --cell target/cell/cell.toml\nThe archive is a tar file compressed \
-                            by zstd. It holds no recordings and no pages: pages are made again from the store. It \
-                            holds a recipe if that is in the folder of the cell's file or up to two folders below.")]
+                            by zstd. The archive contains no recordings and no pages: pages are made again from the \
+                            store. The archive contains a recipe if the recipe is in the folder of the cell's file \
+                            or up to two folders below.")]
     Backup(Backup),
-    /// Restore a backup. Everything is unpacked and verified beside its final path first; if anything is wrong,
+    /// Restore a backup. Everything is unpacked and verified next to its final path first; if anything is wrong,
     /// nothing is changed. Existing parts are replaced only if they are named, and the replaced parts are kept.
     #[command(
-        after_help = "Example, after the one of `panelprep backup --help`, beside the cell from which it was \
-                      made:\n  panelprep restore target/cell.tar.zst --cell target/restored/cell.toml\nTo replace \
+        after_help = "Example, after the example of `panelprep backup --help`, next to the original cell:\n  \
+                      panelprep restore target/cell.tar.zst --cell target/restored/cell.toml\nTo replace \
                       the existing store, with the service stopped:\n  panelprep restore target/cell.tar.zst \
                       --cell target/restored/cell.toml --only store --replace store\nExit codes: 0 restored, 1 the \
                       backup is damaged and nothing was changed, 2 something already exists or is in use."
     )]
     Restore(Restore),
-    /// Write a commented file for a new cell or a new panel, which `panelprep check` accepts: requests the
-    /// important values, and detects what is connected.
+    /// Write a commented file for a new cell or a new panel, which `panelprep check` accepts. The command asks for the
+    /// important values and detects connected devices.
     New(New),
     /// Run a recorded cycle again on the recorded data, without devices, and report each decision that is now
     /// different.
     #[command(
         after_help = "Example:\n  panelprep demo --reduction 4 --out target/demo4 --record target/demo4.mcap\n  \
         panelprep replay target/demo4.mcap\n\
-        The recording is an MCAP file: Foxglove and Lichtblick open it."
+        The recording is an MCAP file: Foxglove and Lichtblick can open this file."
     )]
     Replay(Replay),
 }

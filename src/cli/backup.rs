@@ -36,30 +36,31 @@ pub fn run(args: &Backup, common: &Common) -> Result<Outcome, Fault> {
     outcome.put("links", json!(written.manifest.links));
     if !ok {
         outcome.add_line(
-            "no backup was made: the store differs from what was written; `panelprep store verify` checks all of it",
+            "no backup was made: the store's content was changed or damaged; `panelprep store verify` lists the differences",
         );
         return Ok(outcome);
     }
     outcome.add_line(format!(
-        "{}: {} MB, read back and whole",
+        "{}: {} MB, read back and verified",
         args.archive.display(),
         written.bytes.div_ceil(1_000_000)
     ));
     if let Some(links) = written.manifest.links {
         outcome.add_line(format!(
-            "the store: {links} links of its chain verified; pages are made again from it, recordings are not in it"
+            "the store: {links} links of its hash chain verified; the backup contains neither pages, which are made again from \
+             the store, nor recordings"
         ));
     }
     if let Some(configuration) = &configuration {
         let (named, recipes) = (configuration.named.len(), configuration.recipes.len());
         outcome.add_line(format!(
-            "the configuration: the cell's file, {} that it names, {}",
+            "the configuration: the cell's file, {} named in the cell's file, {}",
             counted(named, "file"),
             counted(recipes, "recipe")
         ));
     }
     for (key, file) in named_files(&files.cell).into_iter().filter(|(_, file)| !file.exists()) {
-        outcome.add_line(format!("not in it: {key} names {}, which is not there", file.display()));
+        outcome.add_line(format!("not in the backup: {key} names {}, which does not exist", file.display()));
     }
     Ok(outcome)
 }
@@ -154,7 +155,7 @@ pub fn restore(args: &Restore, common: &Common) -> Result<Outcome, Fault> {
     }
     if let Some(store) = &restored.store {
         outcome.add_line(format!(
-            "the store {}: {} links of its chain and {} verified",
+            "the store {}: {} links of its hash chain and {} verified",
             store.display(),
             restored.links,
             counted(restored.files as usize, "file")
@@ -164,7 +165,7 @@ pub fn restore(args: &Restore, common: &Common) -> Result<Outcome, Fault> {
     restored
         .kept
         .iter()
-        .for_each(|file| outcome.add_line(format!("the earlier content is kept: {}", file.display())));
-    outcome.add_line("verify the cameras (`panelprep calibrate verify`) before the next cycle: calibrations are those of the backup");
+        .for_each(|file| outcome.add_line(format!("the replaced content was moved to {}", file.display())));
+    outcome.add_line("verify the cameras (`panelprep calibrate verify`) before the next cycle: the calibrations are those of the backup");
     Ok(outcome)
 }

@@ -36,7 +36,7 @@ pub fn run(common: &Common) -> Result<Outcome, Fault> {
     let recovered = store.recover().map_err(Fault::stage)?;
     if !matches!(recovered.at, At::Aborted { .. }) {
         let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
-        outcome.add_line("nothing was aborted in this store; there is nothing to clear");
+        outcome.add_line("the last cycle in this store was not aborted; nothing to clear");
         outcome.put("state", recovered.at.word().into());
         return Ok(outcome);
     }

@@ -16,7 +16,7 @@ pub(super) fn connected(place: impl ToSocketAddrs + Send + 'static, within: Dura
     // A separate thread, because the look-up of a name may last minutes.
     thread::spawn(move || {
         let connect = || {
-            let mut last = Error::new(ErrorKind::NotFound, "its name has no address");
+            let mut last = Error::new(ErrorKind::NotFound, "the host name has no address");
             for address in place.to_socket_addrs()? {
                 match TcpStream::connect_timeout(&address, within) {
                     Ok(_) => return Ok(()),

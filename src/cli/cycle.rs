@@ -117,8 +117,8 @@ fn once(
     // The records are signed before the pages are made, because the pages show the signatures.
     sign(&files, progress);
     report::make_missing(&files, &|cycle, page| match page {
-        Ok(page) => progress(&format!("page of cycle {cycle}, which had none: {}", page.display())),
-        Err(fault) => progress(&format!("no page of cycle {cycle}: {fault}")),
+        Ok(page) => progress(&format!("the missing page of cycle {cycle} was made: {}", page.display())),
+        Err(fault) => progress(&format!("the page of cycle {cycle} could not be made: {fault}")),
     })?;
     let interrupts = Interrupts::watch()?;
     let record = args.record.as_deref();
@@ -137,7 +137,7 @@ fn once(
 fn sign(files: &CellFiles, progress: &dyn Fn(&str)) {
     let told = |told: Result<String, String>| progress(&told.unwrap_or_else(|problem| problem));
     if let Err(fault) = signed::sign_missing(files, &told) {
-        progress(&format!("records are not signed: {fault}"));
+        progress(&format!("the records could not be signed: {fault}"));
     }
 }
 
@@ -315,7 +315,7 @@ impl<'a> Once<'a> {
         }
         self.obeyed = wanted;
         let (words, request) = match wanted {
-            1 => ("stopping; a second signal aborts", cycle::Request::Stop),
+            1 => ("stopping the cycle; a second signal aborts the cycle", cycle::Request::Stop),
             _ => ("aborting", cycle::Request::Abort),
         };
         (self.progress)(words);
@@ -375,25 +375,25 @@ impl Requester for Once<'_> {
 /// Describes the present state for a terminal.
 fn words(at: At) -> String {
     let why = |hold: Hold| match hold.why {
-        Why::Asked => "somebody asked",
-        Why::Review => "a result waits for a person",
-        Why::NotVerified => "the panel is not where it was",
+        Why::Asked => "requested by a person",
+        Why::Review => "a person must review the result",
+        Why::NotVerified => "the panel is not at its located pose",
         Why::TokenOver => "the localization is too old",
         Why::Drying => "the panel must be dried for a new dry picture",
-        Why::Trouble(_) => "trouble",
+        Why::Trouble(_) => "a fault",
     };
     match at {
         At::Execute(phase) => match phase {
             Phase::Locate => "locating the panel by a 3D scan".to_owned(),
-            Phase::Refine { moves } => format!("looking at the corner, picture {}", moves + 1),
-            Phase::Dry => "picture of the dry panel".to_owned(),
+            Phase::Refine { moves } => format!("taking pictures of the corner, picture {}", moves + 1),
+            Phase::Dry => "taking the picture of the dry panel".to_owned(),
             Phase::Wet => "wetting the panel".to_owned(),
-            Phase::Inspect => "watching the film".to_owned(),
+            Phase::Inspect => "observing the film".to_owned(),
             Phase::Plan => "planning the path over the failed grids".to_owned(),
             Phase::Verify => "verifying the corner before contact".to_owned(),
             Phase::Abrade => "abrading".to_owned(),
-            Phase::Retract => "leaving the panel".to_owned(),
-            Phase::Assess { .. } => "assessing the tool's work".to_owned(),
+            Phase::Retract => "retracting the tool from the panel".to_owned(),
+            Phase::Assess { .. } => "grading the executed path".to_owned(),
             Phase::Rinse => "rinsing".to_owned(),
         },
         At::Holding(hold) | At::Held(hold) => format!("{}: {}", at.word(), why(hold)),

@@ -47,7 +47,7 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
         demo_tool::calibrate(args.seed, &rendered, &progress)?;
     }
     let common = rendered.common();
-    progress("teaching the panel at its nominal place");
+    progress("teaching the panel at its nominal pose");
     let simulation = Simulation {
         seed: args.seed,
         scene: args.scene,
@@ -157,10 +157,10 @@ fn serve(
     disk::write(&common.cell, [text.as_slice(), page.as_bytes()].concat())?;
     let names: Vec<&str> = Role::VARIANTS.iter().map(|role| role.word()).collect();
     progress(&format!(
-        "open http://{address}/ and log in as {}, with the password \"{DEMO_PASSWORD}\"",
+        "open http://{address}/ and log in with one of the names {} and the password \"{DEMO_PASSWORD}\"",
         names.join(", ")
     ));
-    progress("press Ctrl+C to end it");
+    progress("press Ctrl+C to stop the demo");
     super::run::run(&super::args::Run { simulation }, common)
 }
 

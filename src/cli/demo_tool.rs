@@ -34,7 +34,7 @@ max_um = 60.0
 /// # Errors
 /// If a file cannot be written, or a calibration is rejected.
 pub fn calibrate(seed: u64, rendered: &Rendered, progress: &dyn Fn(&str)) -> Result<(), Fault> {
-    progress("measuring the compliant tool: payload, zero, and how much its disc removes");
+    progress("calibrating the compliant tool: payload, force zero, and removal by its disc");
     render_boards::write_force(rendered)?;
     render_coupons::write(seed, rendered)?;
     let common = rendered.common();

@@ -58,8 +58,8 @@ pub enum Fault {
     },
     /// A program ended while a motion was under way.
     #[error(
-        "a motion is open in the store: a program ended while the robot moved, and nothing moves until a person \
-         has checked the cell; look at the cell, jog the pad off the panel if it touches, then run `panelprep \
+        "a motion is open in the store: a program ended while the robot moved. Nothing moves until a person has \
+         checked the cell; check the cell, jog the pad off the panel if it touches, then run `panelprep \
          clear --cell {}`",
         cell.display()
     )]
@@ -69,7 +69,7 @@ pub enum Fault {
     },
     /// The last cycle was aborted.
     #[error(
-        "the last cycle in this store was aborted and nobody has confirmed that the cause is removed; look at the \
+        "the last cycle in this store was aborted, and no person has confirmed that the cause is removed; check the \
          cell, then run `panelprep clear --cell {}`", cell.display()
     )]
     NotCleared {
@@ -78,8 +78,8 @@ pub enum Fault {
     },
     /// The content of the store differs from what this program wrote there.
     #[error(
-        "something in the store differs from what this program wrote: `panelprep store verify` names it; nothing \
-         moves until a person has looked at the cell and run `panelprep clear --cell {}`", cell.display()
+        "the store's content was changed or damaged: `panelprep store verify` lists the differences. Nothing \
+         moves until a person has checked the cell and run `panelprep clear --cell {}`", cell.display()
     )]
     StoreChanged {
         /// The cell's file.
@@ -94,7 +94,7 @@ pub enum Fault {
         nearest: Option<String>,
     },
     /// A text on the command line that is not a pose.
-    #[error("\"{found}\" is no {what}: {problem}")]
+    #[error("\"{found}\" is not a {what}: {problem}")]
     NotSix {
         /// What was given.
         found: String,
@@ -105,8 +105,8 @@ pub enum Fault {
     },
     /// A decision that does not state the step on which it is based.
     #[error(
-        "{command}: nothing was requested, since the step of this decision is not given; read `panelprep ctl \
-         state`, then run `panelprep ctl {command} --step N` with the step that it shows"
+        "{command}: not requested, because the step is missing; read the step with `panelprep ctl state`, then run \
+         `panelprep ctl {command} --step N`"
     )]
     NoStep {
         /// The command.
@@ -129,7 +129,7 @@ pub enum Fault {
     },
     /// The demonstration's page would be open to other computers.
     #[error(
-        "{address}: the demonstration has accounts with known passwords, so that its page is for this computer alone; name an address such as 127.0.0.1:8090"
+        "{address}: the demo has accounts with known passwords, so its page must listen on a loopback address; give an address such as 127.0.0.1:8090"
     )]
     DemoPage {
         /// The requested address.
@@ -144,7 +144,7 @@ pub enum Fault {
         problem: String,
     },
     /// The cycle for which the command waited is no longer the last cycle of the service.
-    #[error("{} was expected, but the service runs {}; look at the cycle's page", shown(*waited_for), shown(*found))]
+    #[error("{} was expected, but the last cycle of the service is {}; see the page of the expected cycle", shown(*waited_for), shown(*found))]
     OtherCycle {
         /// The cycle that was begun.
         waited_for: Option<i64>,
@@ -160,7 +160,7 @@ pub enum Fault {
         words: &'static str,
     },
     /// A new file would be written over another one.
-    #[error("{} already exists and is not overwritten; name another file with --out, or move it away", file.display())]
+    #[error("{} already exists and is not overwritten; name another file with --out, or move the existing file", file.display())]
     IsThere {
         /// The file.
         file: PathBuf,

@@ -110,7 +110,7 @@ impl<'c> FlangePoses<'c> {
             Known::At(flange) => return Ok(Some(flange)),
             Known::Moved => {
                 tell_line(
-                    "the arm moved meanwhile: this measurement does not count; wait until the arm is stopped",
+                    "the arm moved during the measurement, which is discarded; wait until the arm has stopped, then repeat the measurement",
                 );
                 return Ok(None);
             }
@@ -118,7 +118,7 @@ impl<'c> FlangePoses<'c> {
         }
         loop {
             tell_line(
-                "Where is the flange? Write X,Y,Z,A,B,C as the pendant shows them with $NULLFRAME as tool and base.",
+                "Enter the flange's pose as X,Y,Z,A,B,C, as the pendant shows it with $NULLFRAME as tool and base.",
             );
             let Some(line) = answer()? else { return Ok(None) };
             match robot::pose_of(&line) {

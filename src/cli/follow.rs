@@ -82,9 +82,9 @@ pub fn to_idle(socket: &Path) -> Result<Outcome, Fault> {
         let exit = if is_at("idle") { Exit::Done } else { Exit::Fault };
         let mut outcome = Outcome { exit: exit.code(), ..service_request::outcome(&reply) };
         if is_at("resetting") {
-            let words = "the reset has not ended after";
+            let words = "the reset did not finish within";
             outcome.add_line(format!(
-                "{words} {} s: `panelprep ctl state` shows its progress",
+                "{words} {} s; `panelprep ctl state` shows its progress",
                 RESET_TIMEOUT.as_secs()
             ));
         }

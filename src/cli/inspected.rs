@@ -92,7 +92,7 @@ pub fn abraded(words: &[String], taught: &Taught, recipe: &Recipe) -> Result<Opt
 
 /// A grid that the panel does not have.
 #[derive(Debug, thiserror::Error)]
-#[error("the region has no grid {grid}; it has {rows} rows and {columns} columns: r1c1 to r{rows}c{columns}")]
+#[error("the region has no grid {grid}; valid: r1c1 to r{rows}c{columns} ({rows} rows, {columns} columns)")]
 struct UnknownGrid {
     grid: GridId,
     rows: usize,
@@ -178,7 +178,7 @@ impl Inspected {
             .collect();
         let observation = &inspection.observation;
         outcome.add_line(format!(
-            "watched {:.1} s, {} wet pictures, {} breaks; {:.1} ms a picture",
+            "film observed for {:.1} s: {} wet pictures, {} breaks; computing time {:.1} ms per picture",
             observation.observed_s,
             observation.frames,
             breaks.len(),
@@ -191,8 +191,8 @@ impl Inspected {
         let quality = &observation.quality;
         let limit_mm2 = observation.detection_limit_mm2;
         outcome.add_line(format!(
-            "{} of them can be judged by; light {:.2} to {:.2} of the dry picture's; wet in no picture {:.1} %; smallest \
-             break that is surely found {limit_mm2:.1} mm²",
+            "{} wet pictures are usable; light {:.2} to {:.2} times that of the dry picture; {:.1} % of the area was wet in \
+             no picture; smallest break that is reliably found {limit_mm2:.1} mm²",
             quality.usable, quality.light[0], quality.light[1], observation.never_wet_percent
         ));
         outcome.put("usable_frames", json!(quality.usable));
@@ -206,7 +206,7 @@ impl Inspected {
         outcome.put("ms_per_frame", json!(self.ms_per_frame));
         if let Some((score, confusion)) = &self.score {
             outcome.add_line(format!(
-                "against the truth: intersection over union {:.3}, precision {:.3}, recall {:.3}; grids: {} rightly \
+                "compared with the true mask: intersection over union {:.3}, precision {:.3}, recall {:.3}; grids: {} rightly \
                  failed, {} wrongly failed, {} wrongly passed",
                 score.iou, score.precision, score.recall, confusion.true_fail, confusion.false_fail, confusion.false_pass
             ));

@@ -52,7 +52,7 @@ pub fn office_sender(files: &CellFiles, fronts: &Fronts) -> Result<Option<Office
 /// If the operating system refuses.
 pub fn push_sender(files: &Arc<CellFiles>, fronts: &Fronts) -> Result<Option<PushSender>, Fault> {
     let Some(push) = files.cell.push().cloned() else { return Ok(None) };
-    tracing::info!("signed records are put below {}", push.to);
+    tracing::info!("signed records are uploaded to URLs below {}", push.to);
     let (folder, records) = (files.store_folder().to_owned(), Arc::new(StoreRecords(files.clone())));
     let parts = PushParts { push, folder, records, status: fronts.on_their_way.push.clone() };
     PushSender::start(parts).map(Some).map_err(Fault::stage)
@@ -76,7 +76,7 @@ pub fn line_front(files: &CellFiles, fronts: &Fronts, robot: &LinkedRobot) -> Re
     let (Some(line), Some(inputs)) = (files.cell.line().cloned(), LineParts::bits(files.cell.io())) else {
         return Ok(None);
     };
-    tracing::info!("a line requests cycles with the recipe {}", line.recipe.display());
+    tracing::info!("the line's signals request cycles with the recipe {}", line.recipe.display());
     let (last, outputs) = (robot.last_state(), robot.line());
     let (gateway, people) = (fronts.parts.gateway.clone(), fronts.parts.people.clone());
     LineFront::serve(LineParts { line, inputs, last, outputs, gateway, people }).map(Some).map_err(Fault::stage)
@@ -113,7 +113,7 @@ pub fn operator_page(
         // The cell can still be stopped and queried through its socket.
         Err(error @ PageError::File(_)) => {
             fronts.parts.alarms.trouble("the operator's page", Some(&error.to_string()));
-            tracing::warn!("{error}; the cell works without it until the service is started again");
+            tracing::warn!("{error}; the cell works without the operator's page until the service is restarted");
             None
         }
         Err(error) => return Err(Fault::stage(error)),
@@ -121,7 +121,7 @@ pub fn operator_page(
     if let Some(page) = &page {
         tracing::info!("operator's page: {}", page.url);
         if let Some(fingerprint) = &page.fingerprint {
-            tracing::info!("SHA-256 of its own certificate: {fingerprint}");
+            tracing::info!("SHA-256 of the page's self-signed certificate: {fingerprint}");
         }
     }
     Ok(page)

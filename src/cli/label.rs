@@ -87,14 +87,14 @@ fn build_outcome(keeping: &LabelFolder, folder: &Path, saved: u32) -> Result<Out
     let (labels, is_draft) = (keeping.labels()?, keeping.now()?.is_draft);
     let file = folder.join(LABELS);
     let words = match &labels {
-        Some(labels) if saved > 0 && labels.clean => "saved: the clip is clean".to_owned(),
+        Some(labels) if saved > 0 && labels.clean => "saved: the clip is clean (no breaks)".to_owned(),
         Some(labels) if saved > 0 => format!("saved, breaks: {}", labels.breaks.len()),
         _ => "nothing was saved".to_owned(),
     };
     let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
     outcome.words = vec![format!("{}: {words}", file.display())];
     if is_draft {
-        outcome.add_line("unsaved marks are kept, and the same command shows them again");
+        outcome.add_line("unsaved marks are kept; run the same command again to continue with them");
     }
     outcome.put("labels", json!(labels.is_some().then_some(file)));
     outcome.put("saved", json!(saved));

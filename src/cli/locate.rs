@@ -66,7 +66,7 @@ fn outcome(located: &Located<'_>, elapsed_ms: f64) -> Outcome {
             outcome.add_line(format!("base from drawing: {pose}"));
         }
         outcome.add_line(format!(
-            "rms {:.3} mm about a bend of {}, outline {:.2} px, overlap {:.3}, within {:.2} mm (95 %); weakest {}, {:.2} mm",
+            "residuals {:.3} mm rms beside a bend of {}; outline {:.2} px rms; overlap {:.3}; pose uncertainty {:.2} mm (95 %), largest {}, {:.2} mm",
             fit.rms_mm,
             fit.deviation_mm.map_or_else(|| "unknown size".to_owned(), |mm| format!("{mm:.2} mm at most")),
             fit.outline_rms_px,
@@ -76,26 +76,26 @@ fn outcome(located: &Located<'_>, elapsed_ms: f64) -> Outcome {
             fit.weakest_mm
         ));
         outcome.add_line(format!(
-            "independent starts end {:.3} mm apart; {}; {}",
+            "fits from independent start poses differ by {:.3} mm; {}; {}",
             fit.agreement_mm,
             fit.rival.map_or_else(
-                || "no other placement comes near".to_owned(),
+                || "no competing pose explains the scan".to_owned(),
                 |rival| format!(
-                    "the next best is turned by {:.0}°, {:.0} times less speaks for it",
+                    "the best competing pose is rotated by {:.0}° and {:.0} times less likely",
                     rival.turned.0,
                     rival.margin()
                 )
             ),
             fit.camera.map_or_else(
-                || "too little fixture is seen to check the camera".to_owned(),
+                || "the scan shows too little of the fixture to detect a motion of the camera".to_owned(),
                 |camera| format!(
-                    "by the fixture the camera has moved the panel by {:.2} ± {:.2} mm",
+                    "motion of the camera, measured at the fixture: {:.2} ± {:.2} mm at the panel",
                     camera.moved_mm, camera.uncertainty_mm
                 )
             )
         ));
         outcome.add_line(format!(
-            "shift {:.1} mm, turn {:.2}°, tilt {:.2}° at the panel's centre; {:.0} ms",
+            "from the nominal pose: shift {:.1} mm, rotation {:.2}°, tilt {:.2}° at the panel's centre; computed in {:.0} ms",
             fit.shift_mm, fit.turn.0, fit.tilt.0, elapsed_ms
         ));
     }

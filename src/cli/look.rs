@@ -34,11 +34,16 @@ pub fn run(args: &Look, common: &Common) -> Result<Outcome, Fault> {
     let (near_mm, far_mm) =
         depths_mm.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), z| (low.min(z), high.max(z)));
     let mut outcome = Outcome::from_judgement(&Judgement::new(vec![], vec![]));
-    outcome.add_line(format!("{}×{} px; {:.1} % have no 3D point", scan.width(), scan.height(), 100.0 * share));
+    outcome.add_line(format!(
+        "{}×{} px; {:.1} % of the pixels have no 3D point",
+        scan.width(),
+        scan.height(),
+        100.0 * share
+    ));
     if near_mm <= far_mm {
-        outcome.add_line(format!("points from {near_mm:.0} to {far_mm:.0} mm before the camera"));
+        outcome.add_line(format!("points {near_mm:.0} to {far_mm:.0} mm from the camera along its axis"));
     }
-    outcome.add_line(format!("{}: read the region's corners_px from its ruler", file.display()));
+    outcome.add_line(format!("{}: read [region] corners_px from the pixel ruler in this picture", file.display()));
     outcome.put("missing_share", json!(share));
     outcome.put("width_px", json!(scan.width()));
     outcome.put("height_px", json!(scan.height()));

@@ -52,7 +52,7 @@ pub fn run(args: &MockRobot, common: &Common, tell: &dyn Fn(&str)) -> Result<Out
     controller.boot();
     let server = MockServer::start(controller, ports).map_err(Fault::stage)?;
     tell(&format!(
-        "mock controller: commands at {}, state at {}; end it with Ctrl-C",
+        "mock controller: command channel at {}, state channel at {}; press Ctrl+C to stop",
         server.command_address(),
         server.state_address()
     ));
@@ -136,7 +136,7 @@ impl ReportedState {
             ));
         }
         let faults = controller.program_faults();
-        lines.extend(faults[self.faults..].iter().map(|fault| format!("{now}  the programs stopped: {fault}")));
+        lines.extend(faults[self.faults..].iter().map(|fault| format!("{now}  the KRL programs stopped: {fault}")));
         self.faults = faults.len();
         (self.executed, self.stops) = (controller.executed().len(), controller.stops().len());
         let on: Vec<u16> = controller.outputs().iter().filter(|(_, on)| **on).map(|(number, _)| *number).collect();

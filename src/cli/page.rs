@@ -24,8 +24,8 @@ pub fn run(args: &PageOf, common: &Common) -> Result<Outcome, Fault> {
     let mut outcome = Outcome::from_judgement(&Judgement { verdict, reasons: found.clone() });
     // The verdict of this command is not the verdict of the cycle.
     outcome.words[0] = match ok {
-        true => "the page is whole".to_owned(),
-        false => "the page was made, but the store no longer has all of it:".to_owned(),
+        true => "the page is complete".to_owned(),
+        false => "the page was made, but data of the cycle is missing or damaged in the store:".to_owned(),
     };
     outcome.put("ok", json!(ok));
     outcome.put("found", json!(found));
@@ -34,7 +34,7 @@ pub fn run(args: &PageOf, common: &Common) -> Result<Outcome, Fault> {
     outcome.put("report", json!(page));
     outcome.add_line(match &kept.record.judgement {
         Some(judgement) => format!("the cycle's verdict: {}", judgement.verdict.word()),
-        None => "the cycle is not over: this page is not its result".to_owned(),
+        None => "the cycle has not ended: this page does not show its final result".to_owned(),
     });
     outcome.add_line(format!("page: {}", page.display()));
     Ok(outcome)

@@ -90,8 +90,8 @@ pub fn section(store: &Store, record: &CycleRecord) -> Option<Section> {
     let text = store.blob(&kept.hash).ok().and_then(|bytes| String::from_utf8(bytes).ok());
     let part = text.and_then(|text| PartNames::read(&text));
     let (text, part) = match part {
-        Some(part) => ("As it was named when the cycle was started.", part),
-        None => ("It was named, but its data is missing or damaged in the store.", PartNames::default()),
+        Some(part) => ("The part as it was named when the cycle was started.", part),
+        None => ("The part was named, but its data is missing or damaged in the store.", PartNames::default()),
     };
     let row =
         |name: &str, value: Option<String>| Row::new(name, value.unwrap_or_else(|| "not named".to_owned()), "");

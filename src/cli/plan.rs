@@ -71,11 +71,11 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
     }
     let reach_words = match &stage.reached {
         Some(reached) => format!(
-            "the arm follows, {from}, {:.0}° of room beyond its margins, tool turned by {:.0}°",
+            "the arm can follow the path, {from}; remaining axis range beyond the margins {:.0}°, tool rotated by {:.0}°",
             reached.travel.room_deg, reached.spin.0
         ),
-        None if is_looked_at => "the arm cannot follow".to_owned(),
-        None => "reach not looked at: the cell's file names no flange_from_tool".to_owned(),
+        None if is_looked_at => "the arm cannot follow the path".to_owned(),
+        None => "reach of the arm not checked: the cell's file names no flange_from_tool".to_owned(),
     };
     let planned = Planned { stage, fit, base: KukaPose::from_rigid(&base_from_panel) };
     let (reached, disc) = (planned.stage.reached.as_ref(), &planned.stage.disc);
@@ -119,7 +119,7 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
 /// Returns the name of the program in a file: a controller loads a program by the file's name.
 fn program_name(file: &Path) -> Result<ProgramName, Fault> {
     if file.extension().is_none_or(|extension| !extension.eq_ignore_ascii_case("src")) {
-        return Err(Fault::file(file, "a KRL program's file ends in .src"));
+        return Err(Fault::file(file, "the file name of a KRL program must end in .src"));
     }
     let name = file.file_stem().and_then(|stem| stem.to_str()).unwrap_or_default();
     name.parse().map_err(|error| Fault::file(file, error))
@@ -141,7 +141,7 @@ fn reach<'a>(
     let Some(park) = files.cell.park().filter(|_| sees && !taught.corners.is_empty()) else {
         let flange_from_tool = files.flange_from_tool()?.value;
         let stand = ReachSetup { arm: kinematics, flange_from_tool, base_from_panel, from: None };
-        return Ok((Reach::From(stand), "in the best configuration; the cell states no way there"));
+        return Ok((Reach::From(stand), "in the best configuration (no route from the park pose is known)"));
     };
     let calibrations = Calibrated::read(files, common)?.values;
     let tour = CornerTour {
@@ -157,7 +157,7 @@ fn reach<'a>(
     let stand = tour.corners_in_reach(kinematics, base_from_panel, most).and_then(|corners| {
         tour.reach_setup(kinematics, &Approach { base_from_panel, corners: &corners, obstacles: None })
     });
-    Ok((stand.map_or_else(Reach::Refused, Reach::From), "as it comes from the park pose by the corner"))
+    Ok((stand.map_or_else(Reach::Refused, Reach::From), "coming from the park pose by the corner views"))
 }
 
 impl Planned {
@@ -185,8 +185,8 @@ impl Planned {
             remarks: &remarks,
         };
         disk::write(file, path::krl(&program, recipe.path()))?;
-        let words = "it sets $TOOL and $BASE and begins with a PTP to the first point of the path";
-        Ok((true, format!("the program is in {shown}; {words}")))
+        let words = "the program sets $TOOL and $BASE and begins with a PTP motion to the first point of the path";
+        Ok((true, format!("KRL program written to {shown}; {words}")))
     }
 
     /// The removal of the plan in numbers; `None` if it is not requested or not known.
@@ -208,10 +208,11 @@ impl Planned {
 
     /// Returns the results of the dry run as a table of lines.
     fn table(&self, dwell: &Dwell, disc: &DiscUse, recipe: &Recipe) -> Vec<String> {
-        let discs = disc.discs().map_or("not counted, no disc_life_mm2".to_owned(), |discs| format!("{discs:.2}"));
+        let discs =
+            disc.discs().map_or("not counted, disc_life_mm2 is not set".to_owned(), |discs| format!("{discs:.2}"));
         let mut table = vec![
             format!(
-                "length             {:8.0} mm, {:.0} mm of it in contact",
+                "length             {:8.0} mm, of which {:.0} mm in contact",
                 self.stage.plan.length_mm, self.stage.plan.contact_mm
             ),
             format!(
@@ -221,12 +222,12 @@ impl Planned {
                 recipe.path().acceleration_mm_s2()
             ),
             format!(
-                "swept by the disc  {:8.0} mm², discs: {discs}; before this {:.0} mm²",
+                "swept by the disc  {:8.0} mm², discs: {discs}; swept before this plan {:.0} mm²",
                 disc.swept_mm2,
                 disc.worn_after_mm2 - disc.swept_mm2
             ),
             format!(
-                "covered            {:8.2} %, longest under the disc {:.2} s",
+                "covered            {:8.2} %, longest time under the disc {:.2} s",
                 100.0 * dwell.share(),
                 dwell.longest_s()
             ),
@@ -269,12 +270,12 @@ impl Planned {
     /// Describes how even the time under the disc is.
     fn evenness(&self, recipe: &Recipe) -> String {
         let (Some(dwell), Some((ratio, grid))) = (self.stage.plan.dwell, self.stage.plan.dwell_ratio()) else {
-            return "under the disc     nothing is treated".to_owned();
+            return "time under disc    nothing is treated".to_owned();
         };
         let whose = grid.map_or("all together".to_owned(), |id| format!("the worst, {id}"));
         let [ratio, allowed] = apart(ratio, recipe.path().max_dwell_ratio(), 2);
         format!(
-            "under the disc     {:8} s at 5 % of the treated area, {} s at 95 %; ratio {ratio} ({whose}), limit \
+            "time under disc    {:8} s at 5 % of the treated area, {} s at 95 %; ratio {ratio} ({whose}), limit \
              {allowed}",
             fixed(dwell.low_s, 2),
             fixed(dwell.high_s, 2)

@@ -53,8 +53,8 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
     super::disk::write_new(&args.out, page(&[], controller))?;
     if controller == ControllerKind::Mock {
         tell(
-            "a MOCK controller answers: this is a rehearsal; it proves nothing about a real one and gives no page \
-             to sign",
+            "a MOCK controller answered: this is a rehearsal, which proves nothing about a real controller; do not \
+             sign its page",
         );
     }
     let rows: Vec<Assumption> = assumptions(INSTALLATION).into_iter().filter(|row| row.stage == stage).collect();
@@ -107,7 +107,7 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
         ControllerKind::Mock => format!("page: {page}; from a rehearsal on a mock controller, nothing to sign"),
         ControllerKind::Unknown => {
             format!(
-                "page: {page}; no controller answered at the beginning or at the end: nothing to sign; prove again"
+                "page: {page}; no controller answered at the beginning or at the end: do not sign the page; run the command again"
             )
         }
         ControllerKind::Real => format!(
@@ -150,7 +150,8 @@ fn answer(line: &str) -> (Finding, String) {
 
 fn judgement(proofs: &[Proof], is_mock: bool) -> Judgement {
     let of_mock = is_mock.then(|| {
-        let message = "a mock controller answers: tests on it prove nothing about a real one";
+        let message =
+            "a mock controller answered: tests on a mock controller prove nothing about a real controller";
         Reason::new("mock_controller", message)
     });
     let of_proofs = proofs.iter().filter(|proof| proof.finding != Finding::Proven).map(|proof| {

@@ -65,10 +65,11 @@ pub fn key(files: &CellFiles) -> Result<CellKey, Fault> {
 pub fn sign_missing(files: &CellFiles, told: &dyn Fn(Result<String, String>)) -> Result<(), Fault> {
     let key = key(files)?;
     let each = |cycle, signed: Result<&SignatureRow, store::StoreError>| match signed {
-        Ok(row) => {
-            told(Ok(format!("record of cycle {cycle}: signed as number {}, {}", row.number, row.record_hash)))
-        }
-        Err(error) => told(Err(format!("the record of cycle {cycle} is not signed: {error}"))),
+        Ok(row) => told(Ok(format!(
+            "the record of cycle {cycle} was signed: record number {}, SHA-256 {}",
+            row.number, row.record_hash
+        ))),
+        Err(error) => told(Err(format!("the record of cycle {cycle} could not be signed: {error}"))),
     };
     Store::sign_missing(files.store_folder(), &key, &each).map_err(Fault::stage)
 }
@@ -227,8 +228,12 @@ fn head(args: &HeadOfRecords, common: &Common) -> Result<Outcome, Fault> {
     };
     let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
     outcome.words = vec![match head.number {
-        0 => "no record was signed in this store".to_owned(),
-        number => format!("record number {number}, {}, at {}", head.hash, utc(head.unix_ms.div_euclid(1_000))),
+        0 => "this store contains no signed record".to_owned(),
+        number => format!(
+            "record number {number}, SHA-256 {}, signed at {}",
+            head.hash,
+            utc(head.unix_ms.div_euclid(1_000))
+        ),
     }];
     outcome.add_line(format!("public key {}", head.public_key));
     written.iter().for_each(|file| outcome.add_line(format!("written: {}", file.display())));
@@ -251,7 +256,7 @@ fn verify(args: &VerifyRecord, common: &Common) -> Result<Outcome, Fault> {
     }
     let head = args.head.as_deref().map(read_signed).transpose()?;
     if export.statements.is_empty() && head.is_none() {
-        return Err(Fault::file(&args.files[0], "has no signed record: no .json file lies in it"));
+        return Err(Fault::file(&args.files[0], "contains no signed record: it contains no .json file"));
     }
     let mut verified = signing::verify_export(&export, &keys, head.as_ref());
     if args.all {
@@ -267,8 +272,8 @@ fn verify(args: &VerifyRecord, common: &Common) -> Result<Outcome, Fault> {
     }
     remarks.iter().for_each(|words| outcome.add_line(words));
     outcome.add_line(match &export.files {
-        Some(files) => format!("{} files beside the records were read", files.len()),
-        None => "there is no folder files/ beside the records: pictures and inputs were not checked".to_owned(),
+        Some(files) => format!("{} files in the folder files/ next to the records were read", files.len()),
+        None => "no folder files/ exists next to the records: pictures and inputs were not checked".to_owned(),
     });
     outcome.put("ok", json!(verified.found.is_empty()));
     outcome.put("found", json!(verified.found));
@@ -294,10 +299,13 @@ fn words(statement: &Statement, hash: &str) -> String {
     let at = utc(statement.unix_ms.div_euclid(1_000));
     match &statement.says {
         StatementContent::Cycle(cycle) => {
-            format!("number {}: cycle {}, signed by the cell {at}, {hash}", statement.number, cycle.id)
+            format!(
+                "record number {}: cycle {}, signed by the cell at {at}, SHA-256 {hash}",
+                statement.number, cycle.id
+            )
         }
         StatementContent::Person(person) => format!(
-            "number {}: cycle {}, {} by {} ({}) {at}, {hash}",
+            "record number {}: cycle {}, {} by {} ({}) at {at}, SHA-256 {hash}",
             statement.number,
             person.cycle,
             person.meaning.words(),
@@ -331,7 +339,7 @@ fn store_folder(common: &Common) -> Result<PathBuf, Fault> {
 /// Reads a record, or a folder of records, with their files.
 fn read_export(path: &Path, export: &mut Export) -> Result<(), Fault> {
     if !path.exists() {
-        return Err(Fault::file(path, "is not there"));
+        return Err(Fault::file(path, "does not exist"));
     }
     let is_folder = path.is_dir();
     let folder = if is_folder { path } else { path.parent().unwrap_or(Path::new("")) };

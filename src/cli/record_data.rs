@@ -71,7 +71,7 @@ pub fn document(
         },
         Attached {
             name: format!("{stem}.sig"),
-            description: "Its ed25519 signature by the cell".to_owned(),
+            description: "The cell's ed25519 signature of the record".to_owned(),
             mime_type: "application/octet-stream",
             bytes: row.signature.clone(),
         },
@@ -141,7 +141,7 @@ fn verification_before(store: &Store, record: &CycleRecord, subject: &str) -> Re
 fn in_words(one: &Verification) -> LastVerification {
     let unit = health::unit(&one.subject);
     let [error, limit] = apart(one.error, one.limit, 2);
-    LastVerification { day: utc_day(one.at_unix_s), error: format!("{error} {unit}, allowed {limit} {unit}") }
+    LastVerification { day: utc_day(one.at_unix_s), error: format!("{error} {unit} (limit {limit} {unit})") }
 }
 
 fn signatures(store: &Store, record: &CycleRecord) -> Result<Vec<Signatory>, Fault> {
@@ -156,7 +156,7 @@ fn signatures(store: &Store, record: &CycleRecord) -> Result<Vec<Signatory>, Fau
         all.push(Signatory {
             name: person.as_ref().map_or("the cell".to_owned(), |one| format!("{} ({})", one.name, one.user)),
             time: utc(row.unix_ms.div_euclid(1_000)),
-            meaning: person.as_ref().map_or("this is what happened".to_owned(), |one| {
+            meaning: person.as_ref().map_or("confirms that the cycle took place as recorded".to_owned(), |one| {
                 let remark = one.remark.as_ref().map(|remark| format!(": {remark}")).unwrap_or_default();
                 format!("{}{remark}", one.meaning.words())
             }),

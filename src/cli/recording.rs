@@ -52,8 +52,7 @@ pub fn allowed(file: Option<&Path>, store: &Path) -> Result<(), Fault> {
             return Err(no_folder(folder));
         }
         if rustix::fs::access(folder, rustix::fs::Access::WRITE_OK | rustix::fs::Access::EXEC_OK).is_err() {
-            let words =
-                "this program's user may not write here, or its systemd unit prevents it; record to another folder";
+            let words = "this program's user may not write to this folder, or the systemd unit prevents it; record to another folder";
             return Err(Fault::file(folder, words));
         }
     }
@@ -94,8 +93,8 @@ fn refused_name(file: &Path, words: &'static str) -> Fault {
     Fault::RecordName { file: shown, words }
 }
 
-const IN_THE_STORE: &str = "it is inside the store, in which only the service names files; name a file elsewhere \
-                            (`panelprep ctl start --record` without a name keeps it in the store's recordings/)";
+const IN_THE_STORE: &str = "the file is inside the store, where only the service names files; name a file outside of \
+                            the store, or give --record without a name to record to the store's recordings/";
 
 /// Returns the path of a recording that a client of the service names. It must be a full, plain path outside the
 /// store; all links in it are resolved. A client may have the service write only what the client has the right to
@@ -105,17 +104,19 @@ const IN_THE_STORE: &str = "it is inside the store, in which only the service na
 /// If the name does not meet these conditions, or its folder does not exist.
 pub fn named_by_a_client(file: &Path, store: &Path) -> Result<PathBuf, Fault> {
     let refused = |words| refused_name(file, words);
-    let Some(text) = file.to_str() else { return Err(refused("it is not UTF-8")) };
+    let Some(text) = file.to_str() else { return Err(refused("the path is not UTF-8")) };
     if text.chars().any(char::is_control) {
-        return Err(refused("it has control characters, such as a line feed"));
+        return Err(refused("the path contains control characters, such as a line feed"));
     }
     if !file.is_absolute() {
-        return Err(refused("it is relative, but the service runs in a folder of its own; name the whole path"));
+        return Err(refused(
+            "the path is relative, but the service runs in another folder; give the absolute path",
+        ));
     }
     let is_plain = file.components().all(|part| matches!(part, Component::RootDir | Component::Normal(_)));
     let name = file.file_name().filter(|_| is_plain && !text.ends_with('/') && !text.contains("/./"));
     let (Some(name), Some(folder)) = (name, file.parent()) else {
-        return Err(refused("it has . or .. in it, or ends in a folder; name the whole path of a new file"));
+        return Err(refused("the path contains . or .., or names a folder; give the absolute path of a new file"));
     };
     if !folder.is_dir() {
         return Err(no_folder(folder));
@@ -144,8 +145,8 @@ pub fn refused(file: &Path, error: std::io::Error) -> Fault {
 }
 
 fn no_folder(folder: &Path) -> Fault {
-    let words = "no such folder for this program; make it, or record in another (the service's unit shows it no home \
-                 folders, and a /tmp of its own)";
+    let words = "this program sees no such folder; create the folder, or record to another folder (the systemd unit of the service \
+                 hides home folders and gives the service a private /tmp)";
     Fault::file(folder, words)
 }
 

@@ -88,19 +88,19 @@ fn outcome(correction: &Correction, is_held_against_claims: bool) -> Outcome {
     let [x_mm, y_mm] = correction.refined.shift_mm;
     outcome.add_line(format!("base from panel: {pose}"));
     outcome.add_line(format!(
-        "the corner was {:.2} px from where it was expected: corrected by {x_mm:.3} mm in camera x, {y_mm:.3} mm in y",
+        "the corner was {:.2} px from its expected position; pose corrected by {x_mm:.3} mm in the camera's x, {y_mm:.3} mm in y",
         correction.refined.error_px
     ));
     if !is_held_against_claims {
         outcome.add_line(
-            "not checked against the uncertainty of the 3D scan: this needs the output of `locate --json`, and \
+            "correction not checked against the uncertainty of the 3D scan: the check needs the output of `locate --json`, and \
              uncertainty_mm of both cameras' mounts",
         );
     }
     if correction.refined.corners.len() > 1 {
         let left_mm = correction.refined.corners.iter().map(|corner| corner.left_mm).fold(0.0, f64::max);
         outcome.add_line(format!(
-            "turned by {:.3}°; the corners are left {left_mm:.3} mm off, at most",
+            "rotation corrected by {:.3}°; remaining deviation of the corners: at most {left_mm:.3} mm",
             correction.refined.turned.0
         ));
     }

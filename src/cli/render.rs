@@ -162,7 +162,7 @@ fn write_taught_for(
 ) -> Result<Rendered, Fault> {
     claim(folder)?;
     let rendered = Rendered { folder: folder.to_owned(), seconds };
-    progress("rendering the scan and the corner picture that the panel is taught by");
+    progress("rendering the scan and the corner picture for teaching the panel");
     let taught_scan = cell.taught_scan();
     write_configuration(cell, &taught_scan, &rendered)?;
     render_boards::write_targets(cell, &rendered)?;
@@ -187,7 +187,7 @@ fn claim(folder: &Path) -> Result<(), Fault> {
         }
         fs::remove_dir_all(folder).map_err(named)?;
     }
-    disk::write(&folder.join(MARK), "This folder is written anew by each `panelprep render`.\n")
+    disk::write(&folder.join(MARK), "Each `panelprep render` replaces the content of this folder.\n")
 }
 
 fn write_configuration(
@@ -237,7 +237,7 @@ kind = "mock"
 
 [poses]
 park = { a1_deg = -120.0, a2_deg = -75.0, a3_deg = 110.0, a4_deg = 0.0, a5_deg = 55.0, a6_deg = 90.0 }
-ready = { a1_deg = 0.0, a2_deg = -120.0, a3_deg = 145.0, a4_deg = 0.0, a5_deg = -25.0, a6_deg = 90.0 } # before the panel: straight lines begin here
+ready = { a1_deg = 0.0, a2_deg = -120.0, a3_deg = 145.0, a4_deg = 0.0, a5_deg = -25.0, a6_deg = 90.0 } # in front of the panel: straight motions begin here
 
 [io.outputs]
 light = 1
@@ -260,7 +260,7 @@ base_from_camera = "base_from_camera.toml"
 flange_from_camera = "flange_from_camera.toml"
 flange_from_tool = "flange_from_tool.toml"
 
-[rough.base_from_camera] # by tape: what a calibration finds elsewhere is refused
+[rough.base_from_camera] # measured with a tape: a calibration with a very different result is refused
 x_mm = -100.0
 y_mm = -250.0
 z_mm = 700.0
@@ -298,8 +298,8 @@ fn recipe(cell: &sim::Cell, taught_scan: &OrganizedCloud<Camera>, seconds: u32) 
         return Ok(text);
     }
     Ok(format!(
-        "{text}# This camera's pixels are too coarse for the cell's {demanded_mm2} mm²: from {limit_mm2:.1} mm² on a break is surely found \
-         at the taught place.\nmin_break_mm2 = {:.1}\n",
+        "{text}# The pixels of this camera are too coarse for the cell's min_break_mm2 of {demanded_mm2} mm²: at the taught pose, \
+         breaks of {limit_mm2:.1} mm² or more are reliably found.\nmin_break_mm2 = {:.1}\n",
         sure_mm2.ceil()
     ))
 }

@@ -96,7 +96,7 @@ fn reported(arm: Option<&RealArm>, base_from_flange: &Rigid<Base, Flange>) -> Re
         None => Ok(Reported { base_from_flange: *base_from_flange, joints: None }),
         Some(arm) => arm.reported(base_from_flange).ok_or_else(|| {
             let pose = KukaPose::from_rigid(base_from_flange);
-            Fault::stage(CalibError::Points(format!("the simulated arm does not come to {pose}")))
+            Fault::stage(CalibError::Points(format!("the simulated arm cannot reach {pose}")))
         }),
     }
 }

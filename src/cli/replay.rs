@@ -62,7 +62,10 @@ fn outcome(checked: &Checked, played: &Played, verdict: Option<Verdict>) -> Outc
     let (entries, length_s, by) = (played.entries, checked.length_s, &checked.start.program);
     let reasons = match same {
         true => vec![],
-        false => vec![Reason::new("differs", format!("the cycle differs in {} places", played.differences.len()))],
+        false => vec![Reason::new(
+            "differs",
+            format!("the replayed cycle differs from the recording in {} places", played.differences.len()),
+        )],
     };
     let judgement = Judgement { verdict: if same { Verdict::Pass } else { Verdict::Fail }, reasons };
     let mut outcome = Outcome::from_judgement(&judgement);
@@ -77,7 +80,7 @@ fn outcome(checked: &Checked, played: &Played, verdict: Option<Verdict>) -> Outc
     outcome.put("recorded_by", json!(by));
     outcome.put("cycle_verdict", json!(verdict));
     outcome.add_line(format!(
-        "{entries} of {} entries over {length_s:.1} s, recorded by panelprep {by}",
+        "{entries} of {} entries replayed, over {length_s:.1} s, recorded by panelprep {by}",
         checked.entries
     ));
     if let Some(verdict) = verdict {
@@ -90,7 +93,7 @@ fn outcome(checked: &Checked, played: &Played, verdict: Option<Verdict>) -> Outc
         outcome.add_line(format!("  and {more} more; --json lists all of them"));
     }
     if !played.to_the_end {
-        outcome.add_line("the replay ended where it differed from the recording");
+        outcome.add_line("the replay stopped at the point where it differs from the recording");
     }
     outcome
 }

@@ -90,7 +90,8 @@ impl StoredCycle {
     pub fn missing(&self) -> impl Iterator<Item = String> + '_ {
         let shown = self.record.findings.iter().flat_map(|finding| &finding.pictures);
         let missing = shown.filter(|picture| !self.pictures.contains_key(&picture.hash));
-        missing.map(|picture| format!("the picture {} ({}) is missing or damaged", picture.name, picture.hash))
+        missing
+            .map(|picture| format!("the picture {} (SHA-256 {}) is missing or damaged", picture.name, picture.hash))
     }
 
     /// Writes the pictures into a folder, numbered in order; those of an earlier cycle in the folder are removed.

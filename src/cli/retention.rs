@@ -17,7 +17,7 @@ pub fn section(keep: &Retention, record: &CycleRecord, pruned: Option<Pruned>) -
         _ => (keep.failed, "did not pass"),
     };
     let kept = match verdict {
-        None | Some(Verdict::Review) => "for ever: the result waits for a person's word".to_owned(),
+        None | Some(Verdict::Review) => "for ever: a person has not yet decided about the result".to_owned(),
         _ => words(of, which),
     };
     let mut rows = vec![Row::new("page and record", "for ever", ""), Row::new("clips and scans", kept, "")];
@@ -26,15 +26,15 @@ pub fn section(keep: &Retention, record: &CycleRecord, pruned: Option<Pruned>) -
         let removed = format!("{} files, {} MB, removed{day}", pruned.files, pruned.bytes / 1_000_000);
         rows.push(Row::new("clips and scans of this cycle", removed, ""));
     }
-    let text = "How long this is kept, as [store] keep in the cell's file states. Removed files stay named in the \
-                store's chain."
+    let text = "How long the data of this cycle is kept, by [store] keep in the cell's file. The store's hash chain still \
+                lists removed files."
         .to_owned();
     Some(Section { heading: "Kept".to_owned(), text, rows, figures: vec![] })
 }
 
 fn words(of: KeepFor, which: &str) -> String {
     let days = of.days.map(|days| format!("{days} days before the newest cycle"));
-    let cycles = of.cycles.map(|cycles| format!("while it is one of the newest {cycles} that {which}"));
+    let cycles = of.cycles.map(|cycles| format!("while the cycle is among the newest {cycles} that {which}"));
     let limits: Vec<String> = days.into_iter().chain(cycles).collect();
     if limits.is_empty() { "for ever".to_owned() } else { limits.join(", and ") }
 }

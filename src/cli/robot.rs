@@ -51,7 +51,7 @@ pub fn run(args: &Robot, common: &Common) -> Result<Outcome, Fault> {
     if let Some(reported) = single.reported_tcp() {
         outcome.put("reported_base_from_tcp", json!(reported));
         outcome.add_line(format!(
-            "the arm's correction is applied: by the controller, and on the pendant, the tip is at {reported}"
+            "the arm's correction is applied; the tip's pose without the correction, as on the pendant: {reported}"
         ));
     }
     outcome.put("state", json_of(state, files.cell.io()));
@@ -165,7 +165,7 @@ fn speed(found: f64, option: &'static str, most: f64, cell: &Cell) -> Result<f64
     }
     let allowed = cell.limits().max_speed_mm_s();
     let problem =
-        format!("the limits are {MIN_SPEED_MM_S} to {allowed} mm/s, max_speed_mm_s of the cell's [limits]");
+        format!("the limits are {MIN_SPEED_MM_S} to {allowed} mm/s ([limits] max_speed_mm_s in the cell's file)");
     Err(Fault::BadAnswer { option, found: found.to_string(), problem })
 }
 
@@ -189,7 +189,7 @@ fn joints(text: &str, cell: &Cell) -> Result<Joints, Fault> {
     let names = cell.poses().keys().map(String::as_str).collect::<Vec<_>>().join(", ");
     let wrong = |problem: String| Fault::NotSix {
         found: text.to_owned(),
-        what: "pose of the axes",
+        what: "set of axis angles",
         problem: format!(
             "{problem}; valid: six angles A1,A2,A3,A4,A5,A6 in degrees, or a name of [poses]: {names}"
         ),
@@ -228,10 +228,10 @@ fn six(text: &str) -> Result<[f64; 6], String> {
         .split(',')
         .map(|part| match part.trim().parse::<f64>() {
             Ok(number) if number.is_finite() => Ok(number),
-            _ => Err(format!("\"{}\" is no number", part.trim())),
+            _ => Err(format!("\"{}\" is not a number", part.trim())),
         })
         .collect::<Result<_, _>>()?;
-    <[f64; 6]>::try_from(numbers).map_err(|numbers| format!("{} numbers, six are needed", numbers.len()))
+    <[f64; 6]>::try_from(numbers).map_err(|numbers| format!("{} numbers, but six are needed", numbers.len()))
 }
 
 fn json_of(state: &State, io: &InputsOutputs) -> Value {
@@ -261,7 +261,7 @@ fn words(state: &State, io: &InputsOutputs) -> Vec<String> {
     let [a1, a2, a3, a4, a5, a6] = [a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg].map(|angle| fixed(angle, 3));
     vec![
         format!(
-            "mode {}, override {} %, drives on: {}, emergency stop: {}, guard closed: {}, motion possible: {}, moves: {}",
+            "mode {}, override {} %, drives on: {}, emergency stop: {}, guard closed: {}, motion possible: {}, moving: {}",
             state.mode.name(),
             state.override_percent,
             yes(state.drives_on),
@@ -291,9 +291,11 @@ mod tests {
     fn a_pose_is_six_finite_numbers() {
         let read = pose("1,-2.5, 3,4,5,6").expect("six");
         assert_eq!(read, KukaPose { x_mm: 1.0, y_mm: -2.5, z_mm: 3.0, a_deg: 4.0, b_deg: 5.0, c_deg: 6.0 });
-        for (text, expected) in
-            [("1,2,3", "3 numbers, six"), ("1,2,3,4,5,NaN", "\"NaN\" is no number"), ("", "\"\" is no number")]
-        {
+        for (text, expected) in [
+            ("1,2,3", "3 numbers, but six"),
+            ("1,2,3,4,5,NaN", "\"NaN\" is not a number"),
+            ("", "\"\" is not a number"),
+        ] {
             let found = pose(text).expect_err("refused").to_string();
             assert!(found.contains(expected), "{found}");
         }

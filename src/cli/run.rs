@@ -132,7 +132,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     #[expect(clippy::let_underscore_must_use, reason = "a panic in there was reported where it happened")]
     let _ = pages.join();
     let ended = ended.state;
-    tracing::info!("ends in {}", ended.at.word());
+    tracing::info!("the service ends in state {}", ended.at.word());
     Ok(outcome(&ended))
 }
 
@@ -147,7 +147,7 @@ fn opened(files: &CellFiles, (sender, queue): (&RequestSender, &RequestQueue)) -
     let gateway = Gateway::new(sender.clone(), refuse, None);
     let socket = Socket::listen(&files.socket(), files.cell.socket_role(), gateway, &Supervisor::default());
     if let Err(error) = &socket {
-        tracing::warn!("no request can be answered meanwhile: {error}");
+        tracing::warn!("requests cannot be answered while the disk is full: {error}");
     }
     // Any other error ends the waiting.
     let opened = daemon::wait_for(queue, || match Store::create(files.store_folder()) {
@@ -187,7 +187,7 @@ fn write_pages(
         // The records are signed before the pages are made, because the pages show the signatures.
         sign(&again);
         if let Err(fault) = report::make_missing(&again, &tell_page) {
-            tracing::warn!("pages that an earlier process left out cannot be made: {fault}");
+            tracing::warn!("missing pages of earlier cycles cannot be made: {fault}");
         }
         prune(&again);
         for EndedCycle { id: cycle, recording } in ended {
@@ -211,7 +211,9 @@ fn write_pages(
 fn tell_page(cycle: CycleId, page: Result<PathBuf, Fault>) {
     match page {
         Ok(page) => tracing::info!("page of cycle {cycle}: {}", page.display()),
-        Err(fault) => tracing::warn!("no page of cycle {cycle}: {fault}; `panelprep page {cycle}` makes it"),
+        Err(fault) => tracing::warn!(
+            "the page of cycle {cycle} could not be made: {fault}; make it with `panelprep page {cycle}`"
+        ),
     }
 }
 
@@ -222,7 +224,7 @@ fn sign(files: &CellFiles) {
         Err(problem) => tracing::warn!("{problem}"),
     };
     if let Err(fault) = record::sign_missing(files, &told) {
-        tracing::warn!("records are not signed: {fault}");
+        tracing::warn!("the records could not be signed: {fault}");
     }
 }
 
@@ -232,7 +234,7 @@ fn prune(files: &CellFiles) {
         Ok(Pruned { files: 0, .. }) => {}
         Ok(Pruned { files, bytes, .. }) => {
             tracing::info!(
-                "{files} files of old clips and scans were removed, {} MB, as [store] keep states",
+                "{files} files of old clips and scans were removed, {} MB, by the rules of [store] keep",
                 bytes / 1_000_000
             );
         }
@@ -269,7 +271,10 @@ fn loader(
         let StartRequest { recipe: name, text, record, part, another_part, lost_passes, own_text } = request;
         // A file on a disk that hangs must not block the connections of clients that request a stop.
         let Ok(_turn) = one_at_a_time.try_lock() else {
-            return Err(vec![Reason::new("busy", "another start is being read; try again after it is answered")]);
+            return Err(vec![Reason::new(
+                "busy",
+                "another start request is being processed; try again after the service has answered it",
+            )]);
         };
         let health = health::judge(&files).map_err(|fault| vec![unreadable(&fault)])?;
         if health.verdict == Verdict::Reject {
@@ -331,11 +336,11 @@ fn foreign_recipe(folder: &Path, (name, text): (&str, &str)) -> Option<Reason> {
     let there = disk::read_text(&file).ok();
     let found = match &there {
         Some(there) if there == text => return None,
-        Some(there) => format!("there it has SHA-256 {}", content_hash(there.as_bytes())),
-        None => "there is no such file".to_owned(),
+        Some(there) => format!("the file in the folder has SHA-256 {}", content_hash(there.as_bytes())),
+        None => "the folder contains no such file".to_owned(),
     };
     let message = format!(
-        "the recipe {name} with SHA-256 {} is none of the folder {}: {found}",
+        "the recipe {name} with SHA-256 {} is not in the folder {}: {found}",
         content_hash(text.as_bytes()),
         folder.display()
     );
@@ -346,7 +351,7 @@ fn foreign_recipe(folder: &Path, (name, text): (&str, &str)) -> Option<Reason> {
 /// folder.
 fn not_permitted(foreign: &Reason) -> Reason {
     let message = format!(
-        "{}; the role operator starts by recipes of that folder alone, an engineer puts a recipe there or starts by its text",
+        "{}. The role operator may start only recipes of this folder; ask an engineer to put the recipe there or to start the cycle",
         foreign.message
     );
     Reason { message, ..foreign.clone() }

@@ -134,13 +134,13 @@ impl Score {
         }
         if let Some(error) = self.refined {
             let value = format!("{:.2} mm on average, {:.2} mm at most", error.mean_mm, error.max_mm);
-            lines.push(("after the corner, error over the panel".to_owned(), value));
+            lines.push(("after the corner pictures, error over the panel".to_owned(), value));
         }
         for (index, one) in self.inspections.iter().enumerate() {
             let shown = |number: Option<usize>| number.map_or("unknown".to_owned(), |number| number.to_string());
             let iou = one.iou.map_or("unknown".to_owned(), |iou| format!("{iou:.3}"));
             let value = format!(
-                "intersection over union {iou}; {} grids failed, {} are truly broken, {} wrong",
+                "intersection over union {iou}; {} grids failed, {} are truly broken, {} wrongly judged",
                 one.grids_failed,
                 shown(one.grids_true),
                 shown(one.grids_wrong)
@@ -149,7 +149,10 @@ impl Score {
         }
         for one in &self.abrasions {
             let errors = one.errors.map_or("no contact".to_owned(), |errors| {
-                format!("axis at most {:.2}° off, contact {:.2} mm", errors.normal_max_deg, errors.surface_max_mm)
+                format!(
+                    "tool axis at most {:.2}° from the normal, contact at most {:.2} mm from the surface",
+                    errors.normal_max_deg, errors.surface_max_mm
+                )
             });
             let step = one
                 .step_over
@@ -161,8 +164,9 @@ impl Score {
             lines.push((format!("abrasion, pass {}", one.pass), value));
         }
         if let Some(after) = self.after_tool_fault {
-            let value = after.map_or("no path in contact came so far".to_owned(), AfterToolFault::words);
-            lines.push(("after the fault of the tool".to_owned(), value));
+            let value = after
+                .map_or("no path in contact reached the waypoint of the fault".to_owned(), AfterToolFault::words);
+            lines.push(("reaction to the tool's fault".to_owned(), value));
         }
         lines
     }
@@ -175,7 +179,7 @@ impl Score {
     /// Returns the score as a section of the page.
     pub fn section(&self, simulation: &str) -> Section {
         Section {
-            heading: "Against the simulator's truth".to_owned(),
+            heading: "Comparison with the true values of the simulation".to_owned(),
             text: format!(
                 "{simulation}. The cycle above had no access to these values; the executed motion is from the mock \
                  controller's log."

@@ -44,7 +44,7 @@ pub(super) fn contact_runs<'a>(
             || run.first().map(|one| one.epoch) != Some(motion.motion.epoch as i32)
         {
             let message = format!(
-                "of a path of {sent} waypoints in epoch {} the controller executed {} and {done} were acknowledged",
+                "path of {sent} waypoints in epoch {}: the controller executed {} waypoints, {done} were acknowledged",
                 motion.motion.epoch,
                 run.len()
             );
@@ -88,10 +88,10 @@ mod tests {
         assert!(contact_runs(&[motion(9, 2)], &log).is_ok());
         let wrong =
             |motions: &[MotionRecord], log: &[Executed]| contact_runs(motions, log).expect_err("wrong").message;
-        assert!(wrong(&[motion(5, 5)], &log).contains("executed 4 and 5 were acknowledged"));
-        assert!(wrong(&[motion(3, 3)], &log).contains("executed 4 and 3"));
-        assert!(wrong(&[motion(9, 1)], &log).contains("executed 4 and 1"));
-        assert!(wrong(&[motion(9, 5)], &log).contains("executed 4 and 5"));
+        assert!(wrong(&[motion(5, 5)], &log).contains("executed 4 waypoints, 5 were acknowledged"));
+        assert!(wrong(&[motion(3, 3)], &log).contains("executed 4 waypoints, 3"));
+        assert!(wrong(&[motion(9, 1)], &log).contains("executed 4 waypoints, 1"));
+        assert!(wrong(&[motion(9, 5)], &log).contains("executed 4 waypoints, 5"));
         assert!(wrong(&[], &log).contains("1 paths in contact were executed, 0 were sent"));
         assert!(wrong(&[motion(4, 4), motion(4, 4)], &log).contains("2 were sent"));
         let twice = [log[0], log[1], log[2], log[2], log[3], log[4]];

@@ -93,7 +93,7 @@ impl SetupSource for FolderSource {
         let problems = Problems { file: name.to_owned(), list }.to_string();
         let mut problems: Vec<String> = problems.lines().map(str::to_owned).collect();
         if let Some(other) = kind.filter(|kind| *kind != RECIPE) {
-            problems.push(format!("this is not a recipe, but the content of a file of the kind {other}"));
+            problems.push(format!("the text is not a recipe but a file of the kind {other}"));
         }
         problems
     }
@@ -190,7 +190,7 @@ fn verification(store: &Store, calibration: &str) -> String {
     match store.last_verification(subject) {
         Ok(Some(last)) => {
             let [error, limit] = [last.error, last.limit].map(|mm| fixed(mm, 3));
-            format!("{error} mm, allowed {limit} mm, {}", age(last.at_unix_s))
+            format!("{error} mm (limit {limit} mm), {}", age(last.at_unix_s))
         }
         Ok(None) => "never".to_owned(),
         Err(error) => error.to_string(),

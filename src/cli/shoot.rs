@@ -84,10 +84,10 @@ fn scans(args: &Shoot, files: &CellFiles, progress: &dyn Fn(&str)) -> Result<Out
         let (scan, of_picture) = (ScanQuality::compute(&shot.cloud), PictureQuality::compute(&picture));
         let size_px = [shot.cloud.width(), shot.cloud.height()];
         let depth = scan.depth_mm.map_or("no depth".to_owned(), |[near, middle, far]| {
-            format!("90 % of the points within {near:.0} to {far:.0} mm along the camera's axis, the middle at {middle:.0} mm")
+            format!("90 % of the points are {near:.0} to {far:.0} mm from the camera along its axis, median {middle:.0} mm")
         });
         outcome.add_line(format!(
-            "{}, .ply, .png: {}×{} px, {} points, {:.1} % of the pixels have none; {depth}",
+            "{}, .ply, .png: {}×{} px, {} points, {:.1} % of the pixels have no point; {depth}",
             names[0].display(),
             size_px[0],
             size_px[1],
@@ -138,9 +138,9 @@ fn corners(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &dy
         match poses.known(before, shot.base_from_flange) {
             Known::At(flange) => disk::write(&names[1], files::write_reported_flange(&flange))?,
             Known::Moved => {
-                outcome.add_line("  the arm moved meanwhile: the pose at which this picture was taken is not known")
+                outcome.add_line("  the arm moved during the exposure: the flange's pose at this picture is not known; take the picture again")
             }
-            Known::Nothing => outcome.add_line("  the flange's pose is not known: write it down from the pendant"),
+            Known::Nothing => outcome.add_line("  the flange's pose is not known: write down the pose that the pendant shows"),
         }
     }
     listed(outcome, all);

@@ -60,15 +60,16 @@ fn verify(args: &VerifyStore, common: &Common) -> Result<Outcome, Fault> {
     let reason = |words: &String| Reason::new("store_changed", words.clone());
     let verdict = if found.is_empty() { Verdict::Pass } else { Verdict::Fail };
     let mut outcome = Outcome::from_judgement(&Judgement { verdict, reasons: found.iter().map(reason).collect() });
-    outcome.add_line(format!("{}: {links} links of the chain", folder.display()));
+    outcome.add_line(format!("{}: {links} links of the hash chain were checked", folder.display()));
     if args.rows_only {
         outcome.add_line("files were not read");
     } else {
-        outcome.add_line(format!("{files} files are whole, {pruned} were removed as [store] keep states"));
+        outcome
+            .add_line(format!("{files} files are undamaged, {pruned} were removed by the rules of [store] keep"));
         let by = if keys.is_empty() { String::new() } else { format!(", by {}", keys.join(" and ")) };
         outcome.add_line(format!("{signatures} signatures of records{by}"));
     }
-    known.iter().for_each(|words| outcome.add_line(format!("known, and cleared by a person: {words}")));
+    known.iter().for_each(|words| outcome.add_line(format!("known difference, cleared by a person: {words}")));
     outcome.put("ok", json!(found.is_empty()));
     outcome.put("found", json!(found));
     outcome.put("known", json!(known));

@@ -82,7 +82,8 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
         .collect();
     let mut outcome = outcome(&taught, recipe.panel(), &Judgement::new(vec![], review));
     outcome.add_line(format!(
-        "the smallest break of a film that is surely found on it: {limit_mm2:.1} mm²; a grid fails from {min_break_mm2:.1} mm²"
+        "the smallest break of the film that is reliably found on this panel: {limit_mm2:.1} mm²; a grid fails from {min_break_mm2:.1} mm² \
+         of broken film"
     ));
     outcome.put("detection_limit_mm2", json!(limit_mm2));
     outcome.put("min_break_mm2", json!(min_break_mm2));
@@ -208,8 +209,10 @@ impl Held {
     /// Returns the reasons why a panel with this teaching is not accepted: a cycle would not find it either.
     fn reasons(&self, recipe: &Recipe) -> Vec<Reason> {
         let (judgement, what) = match &self.found {
-            Ok(fit) => (gate::judge(fit, recipe), "the panel is not accepted in its own scan"),
-            Err(error) => (gate::refusal(error), "the panel is not found in its own scan"),
+            Ok(fit) => {
+                (gate::judge(fit, recipe), "the localization of the panel in its own taught scan is not accepted")
+            }
+            Err(error) => (gate::refusal(error), "the panel is not found in its own taught scan"),
         };
         let named = |reason: Reason| Reason { message: format!("{what}: {}", reason.message), ..reason };
         judgement.reasons.into_iter().map(named).collect()
@@ -224,7 +227,9 @@ fn say_how_it_is_held(taught: &Taught, held: &Held, recipe: &Recipe, outcome: &m
         say_what_shows_the_outline(outline, outcome);
     }
     if *marks_mm > 0.0 {
-        outcome.add_line(format!("its marks: {marks_mm:.0} mm of their borders hold it sideways, too"));
+        outcome.add_line(format!(
+            "marks on the panel: {marks_mm:.0} mm of their borders also constrain the panel sideways"
+        ));
     }
     outcome.put("marks_mm", json!(marks_mm));
     // A drawing shows no fixture, so that advice about the fixture cannot help.
@@ -232,14 +237,14 @@ fn say_how_it_is_held(taught: &Taught, held: &Held, recipe: &Recipe, outcome: &m
     let fit = found.as_ref().ok().filter(|_| !is_drawn);
     let at_teaching = outline.as_ref().map_or(Vec::new(), |outline| gate::checks_at_teaching(outline, fit));
     let unwatched = is_drawn.then(|| {
-        "the drawing shows no fixture, so a camera that moved is not noticed by it; run `panelprep calibrate verify` each day".to_owned()
+        "the drawing contains no fixture, so a motion of the camera is not detected; run `panelprep calibrate verify` each day".to_owned()
     });
     let warnings: Vec<String> =
         at_teaching.into_iter().filter_map(|check| check.message).chain(unwatched).collect();
     if let Ok(fit) = found {
         let weakest = fit.weakest.words();
         outcome.add_line(format!(
-            "its shape holds it to {:.2} mm (95 %) at the worst place; weakest {weakest}, {:.2} mm",
+            "the panel's shape determines its pose to {:.2} mm (95 %) at the worst point; largest uncertainty {weakest}, {:.2} mm",
             fit.uncertainty_mm, fit.weakest_mm
         ));
         say_how_the_camera_is_watched(fit, outcome);
@@ -251,9 +256,11 @@ fn say_how_it_is_held(taught: &Taught, held: &Held, recipe: &Recipe, outcome: &m
     for (index, corner) in taught.corners.iter().enumerate() {
         let seen = corner.normal_seen();
         // Below one hundredth, the effect of the lens's own errors is as large as the effect of the move.
-        let least = if seen > 0.01 { format!("{:.1} mm", verify_mm / seen) } else { "no".to_owned() };
+        let least =
+            if seen > 0.01 { format!("of {:.1} mm or more is", verify_mm / seen) } else { "is not".to_owned() };
         outcome.add_line(format!(
-            "corner {}: its view shows {:.0} % of a move along the normal; {least} move along it is found before contact",
+            "corner {}: its picture shows {:.0} % of a displacement along the normal; before contact, a displacement along \
+             the normal {least} detected",
             index + 1,
             100.0 * seen
         ));
@@ -267,8 +274,8 @@ fn say_what_shows_the_outline(seen: &locate::OutlineSeen, outcome: &mut Outcome)
     let locate::OutlineSeen { by_colour, by_depth, held, unseen } = *seen;
     let percent = |share: f64| number_text::fixed(100.0 * share, 0);
     outcome.add_line(format!(
-        "its outline: {} % is seen by colour, {} % by depth, {} % is left out because something holds the panel \
-         there, {} % is not seen",
+        "outline of the panel: {} % is seen by colour, {} % by depth, {} % is excluded because a holder touches the \
+         edge, {} % is not seen",
         percent(by_colour),
         percent(by_depth),
         percent(held),
@@ -282,7 +289,7 @@ fn say_how_the_camera_is_watched(fit: &locate::Fit, outcome: &mut Outcome) {
     let noticed_mm = uncertainty_mm.map(gate::noticed_mm);
     if let Some(mm) = noticed_mm {
         outcome.add_line(format!(
-            "the fixture shows that a camera has moved if this shifts the panel by {mm:.2} mm or more"
+            "a motion of the camera is detected at the fixture if the motion shifts the panel's pose by {mm:.2} mm or more"
         ));
     }
     outcome.put("camera_noticed_mm", json!(noticed_mm));

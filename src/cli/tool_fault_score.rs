@@ -36,7 +36,9 @@ impl AfterToolFault {
 
     /// For a person.
     pub fn words(self) -> String {
-        let off = self.off_ms.map_or("the sander ran on".to_owned(), |ms| format!("sander off after {ms} ms"));
+        let off = self
+            .off_ms
+            .map_or("the sander was not switched off".to_owned(), |ms| format!("sander off after {ms} ms"));
         format!("{off}, disc lifted after {} ms", self.lifted_ms)
     }
 

@@ -58,7 +58,7 @@ pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
     }
     let settings = recipe.inspect();
     let Some((advice, reference)) = sampler.advice(settings).zip(reference) else {
-        let message = "it has no picture of phase dry, or none of phase wet; both are needed for the comparison";
+        let message = "no picture of phase dry, or no picture of phase wet; the comparison needs both";
         return Err(Fault::file(&list, std::io::Error::other(message)));
     };
     let labels = args.truth.as_deref().map(|folder| Labels::read(folder, &args.clip)).transpose()?;
@@ -93,7 +93,7 @@ pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
         let (threshold, score) =
             best_threshold(settings, [&reference, &last], truth, &region).map_err(Fault::stage)?;
         outcome.add_line(format!(
-            "on the labels, the thesis's pipeline is best with threshold = {threshold}: intersection over union {:.3}, \
+            "compared with the labels, method \"thesis\" is best with threshold = {threshold}: intersection over union {:.3}, \
              precision {:.3}, recall {:.3}",
             score.iou, score.precision, score.recall
         ));
@@ -107,7 +107,7 @@ fn say_brighter(grids: &[GridContrast], outcome: &mut Outcome) {
     let brighter = |grid: &&GridContrast| grid.channel_to_noise <= -MIN_CONTRAST_TO_NOISE;
     for grid in grids.iter().filter(brighter) {
         outcome.add_line(format!(
-            "{}: the film is brighter than the dry panel, most in {}; it mirrors the lamp or the diffuser there",
+            "{}: the film is brighter than the dry panel, most in {}; the film reflects the lamp or the diffuser there",
             grid.id, CHANNELS[grid.channel]
         ));
     }
@@ -134,20 +134,20 @@ fn film_told(found: &Tuning, demands: &Demands, recipe: &Recipe) -> Outcome {
     say_brighter(&found.grids, &mut outcome);
     say_light(advice, &mut outcome);
     outcome.add_line(format!(
-        "smallest break that is surely found: {:.1} mm²; a grid fails from {:.1} mm²",
+        "smallest break that is reliably found: {:.1} mm²; a grid fails from {:.1} mm² of broken film",
         found.detection_limit_mm2, demands.min_break_mm2
     ));
     outcome.add_line(format!(
-        "places that look dry and then wet again: for up to {:.1} s; a break must be seen for {persist_s} s",
+        "places that looked dry and then wet again: dry for up to {:.1} s; a break must be seen for {persist_s} s",
         found.flash_s
     ));
     let unseen: Vec<String> = found.unseen_if_sanded.iter().map(ToString::to_string).collect();
     let reference = if unseen.is_empty() { "wet" } else { "dry" };
     outcome.add_line(if unseen.is_empty() {
-        "once sanded, every grid would be seen by the water that moves on it".to_owned()
+        "after sanding, enough water moves on every grid to judge the grid without a dry picture".to_owned()
     } else {
         format!(
-            "once sanded, too little water moves on these grids to see them by their wet look: {}",
+            "after sanding, too little water moves on these grids to judge them without a dry picture: {}",
             unseen.join(", ")
         )
     });
@@ -162,9 +162,9 @@ fn film_told(found: &Tuning, demands: &Demands, recipe: &Recipe) -> Outcome {
     outcome.add_line(format!("  min_break_mm2 = {min_break_mm2:?}"));
     outcome.add_line("  [process]");
     outcome.add_line(match recipe.process().lamp() {
-        Some(lamp) => format!("  lamp = {lamp:?}        # as it is now"),
+        Some(lamp) => format!("  lamp = {lamp:?}        # unchanged"),
         None => {
-            "  lamp = \"kind, brightness at the panel\"        # not stated yet; the inspector signs it".to_owned()
+            "  lamp = \"kind, brightness at the panel\"        # not stated yet; printed on the page that the inspector signs".to_owned()
         }
     });
     let grid = |grid: &GridContrast| {
@@ -224,7 +224,7 @@ fn say_channels(advice: &Advice, outcome: &mut Outcome) {
 
 fn say_light(advice: &Advice, outcome: &mut Outcome) {
     outcome.add_line(format!(
-        "light over the dry region: {:.2} to {:.2} of its mean; overexposed {:.2} %",
+        "light over the dry region: {:.2} to {:.2} times its mean; overexposed pixels {:.2} %",
         advice.evenness[0],
         advice.evenness[1],
         100.0 * advice.overexposed

@@ -39,23 +39,19 @@ pub fn run(args: &User, common: &Common) -> Result<Outcome, Fault> {
             let former = people.account(name)?;
             let account = checked((name, &former.printed_name), former.role, &password(name)?)?;
             let account = Account { is_enabled: former.is_enabled, ..account };
-            people.keep(account, Some(&former), "its password is a new one")
+            people.keep(account, Some(&former), "password changed")
         }
         UserTask::Role { name, role } => {
             let former = people.account(name)?;
-            people.keep(Account { role: *role, ..former.clone() }, Some(&former), "its role is changed")
+            people.keep(Account { role: *role, ..former.clone() }, Some(&former), "role changed")
         }
         UserTask::Disable { name } => {
             let former = people.account(name)?;
-            people.keep(
-                Account { is_enabled: false, ..former.clone() },
-                Some(&former),
-                "it may not log in any more",
-            )
+            people.keep(Account { is_enabled: false, ..former.clone() }, Some(&former), "may no longer log in")
         }
         UserTask::Enable { name } => {
             let former = people.account(name)?;
-            people.keep(Account { is_enabled: true, ..former.clone() }, Some(&former), "it may log in again")
+            people.keep(Account { is_enabled: true, ..former.clone() }, Some(&former), "may log in again")
         }
         UserTask::List => people.list(),
     }
@@ -80,8 +76,8 @@ impl People {
         all.remove(name).ok_or_else(|| Fault::Account {
             name: name.to_owned(),
             problem: match known.is_empty() {
-                true => "there is no account yet; `panelprep user add` makes one".to_owned(),
-                false => format!("there is no such account; there are {}", known.join(", ")),
+                true => "no account exists yet; create one with `panelprep user add`".to_owned(),
+                false => format!("the account does not exist; existing accounts: {}", known.join(", ")),
             },
         })
     }
@@ -89,10 +85,10 @@ impl People {
     fn add(&mut self, name: &str, role: Role, printed_name: &str, password: &str) -> Result<Outcome, Fault> {
         let account = checked((name, printed_name), role, password)?;
         if self.store.accounts().map_err(Fault::stage)?.contains_key(name) {
-            let problem = "there is such an account already; `panelprep user password` sets a new password";
+            let problem = "the account already exists; `panelprep user password` sets a new password";
             return Err(Fault::Account { name: name.to_owned(), problem: problem.to_owned() });
         }
-        self.keep(account, None, "it is added")
+        self.keep(account, None, "added")
     }
 
     fn keep(&mut self, account: Account, former: Option<&Account>, done: &str) -> Result<Outcome, Fault> {
@@ -124,7 +120,8 @@ impl People {
 
 pub(super) fn checked((name, printed_name): (&str, &str), role: Role, password: &str) -> Result<Account, Fault> {
     let problem = |problem: String| Fault::Account { name: name.to_owned(), problem };
-    let salt = random::bytes().map_err(|error| problem(format!("there are no random numbers: {error}")))?;
+    let salt = random::bytes()
+        .map_err(|error| problem(format!("the operating system returned no random numbers: {error}")))?;
     Account::checked((name, printed_name), (role, true), (Some(password), salt), None).map_err(problem)
 }
 
@@ -137,15 +134,16 @@ pub(super) fn password(name: &str) -> Result<String, Fault> {
         stdin
             .lock()
             .read_line(&mut line)
-            .map_err(|error| problem(format!("no password could be read: {error}")))?;
+            .map_err(|error| problem(format!("the password could not be read: {error}")))?;
         return Ok(line.trim_end_matches(['\r', '\n']).to_owned());
     }
     let ask = |words: &str| {
-        rpassword::prompt_password(words).map_err(|error| problem(format!("no password could be read: {error}")))
+        rpassword::prompt_password(words)
+            .map_err(|error| problem(format!("the password could not be read: {error}")))
     };
     let first = ask(&format!("Password of {name}: "))?;
-    match ask("The same again: ")? == first {
+    match ask("Repeat the password: ")? == first {
         true => Ok(first),
-        false => Err(problem("the two passwords are not the same; nothing was changed".to_owned())),
+        false => Err(problem("the two passwords differ; nothing was changed".to_owned())),
     }
 }

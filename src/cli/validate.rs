@@ -79,14 +79,14 @@ fn clips(folder: &Path) -> Result<Vec<PathBuf>, Fault> {
     let mut clips: Vec<PathBuf> =
         entries.iter().map(fs::DirEntry::path).filter(|path| path.join("clip.csv").is_file()).collect();
     clips.sort();
-    let none = || std::io::Error::other("no folder in it holds a clip.csv; a labelled set is a folder of clips");
+    let none = || std::io::Error::other("contains no folder with a clip.csv; a labelled set is a folder of clips");
     if clips.is_empty() { Err(Fault::file(folder, none())) } else { Ok(clips) }
 }
 
 fn row(clip: &Path, inspected: &Inspected, labels: &Labels) -> Result<Row, Fault> {
     let inspection = &inspected.filmed.inspection;
     let (Some((whole, grids)), footprint) = (inspected.score, &inspection.footprint) else {
-        return Err(Fault::file(clip, std::io::Error::other("it has no labels")));
+        return Err(Fault::file(clip, std::io::Error::other("the clip has no labels")));
     };
     let region = footprint.region();
     let within = score_within(&inspection.mask(), &labels.mask, &region).map_err(Fault::stage)?;
@@ -167,7 +167,7 @@ fn build_outcome(rows: &[Row]) -> Outcome {
         (mean(broken().map(|row| row.whole.precision)), mean(broken().map(|row| row.whole.recall)));
     // A set shows how good the method is, not how good a panel is.
     let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
-    outcome.words = vec![format!("{:16} verdict   iou   within  prec.  recall  places missed", "clip")];
+    outcome.words = vec![format!("{:16} verdict   iou   within  prec.  recall  breaks missed", "clip")];
     for row in rows {
         let Score { iou, precision, recall } = row.whole;
         let missed = row.breaks.iter().filter(|one| !one.found).count();
@@ -181,7 +181,7 @@ fn build_outcome(rows: &[Row]) -> Outcome {
     }
     let shown = |value: Option<f64>| value.map_or("–".to_owned(), |value| format!("{value:.3}"));
     outcome.add_line(format!(
-        "mean of clips with breaks: intersection over union {} ({} without ±1 px of rim), precision {}, recall {}",
+        "mean of clips with breaks: intersection over union {} ({} without a border of ±1 px), precision {}, recall {}",
         shown(iou),
         shown(within),
         shown(precision),
@@ -193,9 +193,12 @@ fn build_outcome(rows: &[Row]) -> Outcome {
     ));
     let sizes = by_size(rows);
     for (class, places, missed) in &sizes {
-        outcome.add_line(format!("  places of {class:16} {places:4}, missed {missed:4}"));
+        outcome.add_line(format!("  breaks of {class:16} {places:4}, missed {missed:4}"));
     }
-    outcome.add_line(format!("time to break, from {TIMED_MM2} mm² on: {near} of {} within 0.5 s", late.len()));
+    outcome.add_line(format!(
+        "time to break, for breaks of {TIMED_MM2} mm² or more: {near} of {} within 0.5 s",
+        late.len()
+    ));
     let clips: Vec<Value> = rows
         .iter()
         .map(|row| {
@@ -231,7 +234,7 @@ fn plots(rows: &[Row]) -> Result<[(&'static str, crate::geometry::ColorPicture);
         .map(|(class, count)| Bar { label: format!("{class} ({count})"), share: count as f64 / all.max(1) as f64 })
         .collect();
     Ok([
-        ("missed_by_size", bars("places missed, by size", &missed).map_err(Fault::stage)?),
-        ("time_error", bars("how late the first 10 mm² were found", &late).map_err(Fault::stage)?),
+        ("missed_by_size", bars("missed breaks, by size", &missed).map_err(Fault::stage)?),
+        ("time_error", bars("delay until the first 10 mm² were found", &late).map_err(Fault::stage)?),
     ])
 }

@@ -18,8 +18,8 @@ pub fn abraded(record: &CycleRecord) -> Vec<String> {
     }
     let words = |(grid, [sure, perhaps]): (&&str, &[usize; 2])| match (sure, perhaps) {
         (sure, 0) => format!("{grid} ×{sure}"),
-        (0, _) => format!("{grid} perhaps: it is not known"),
-        (sure, _) => format!("{grid} ×{sure}, perhaps once more: it is not known"),
+        (0, _) => format!("{grid} possibly (not confirmed)"),
+        (sure, _) => format!("{grid} ×{sure}, possibly once more (not confirmed)"),
     };
     grids.iter().map(words).collect()
 }
@@ -28,7 +28,7 @@ pub fn abraded(record: &CycleRecord) -> Vec<String> {
 pub fn removed(record: &CycleRecord) -> Vec<String> {
     let line = |path: RemovedByPath| {
         format!(
-            "removed in pass {}: {} µm on average over the treated grids; no place of the part more than {} µm so far (95 %)",
+            "removed in pass {}: mean {} µm over the treated grids; at most {} µm so far at any point of the part (95 % bound)",
             path.pass,
             fixed(path.mean_um, 1),
             fixed(path.bound_um, 1)

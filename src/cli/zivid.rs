@@ -88,7 +88,7 @@ pub fn worker(args: &ZividWorker) -> ExitCode {
     match served(&args.library) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            tracing::error!("the 3D camera's worker ends: {error}");
+            tracing::error!("the worker process of the 3D camera stopped: {error}");
             ExitCode::FAILURE
         }
     }
@@ -96,7 +96,7 @@ pub fn worker(args: &ZividWorker) -> ExitCode {
 
 fn served(library: &Path) -> Result<(), Box<dyn std::error::Error>> {
     let mut daemon =
-        process::daemon().map_err(|error| format!("it is started by `panelprep run` alone: {error}"))?;
+        process::daemon().map_err(|error| format!("only the panelprep service may start this command: {error}"))?;
     match Sdk::open(library) {
         Ok(sdk) => Ok(worker::serve(daemon, Box::new(sdk))?),
         Err(error) => {

@@ -118,7 +118,7 @@ impl<'t> Document<'t> {
             Meaning::Nothing => {
                 let known = self.known.borrow();
                 let known = known.get(table).map_or(String::new(), |keys| keys.join(", "));
-                (format!("unknown key; known here: {known}"), vec![])
+                (format!("unknown key; valid keys here: {known}"), vec![])
             }
         }
     }

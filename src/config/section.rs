@@ -37,7 +37,7 @@ impl<'d, 't> Section<'d, 't> {
     /// problem.
     pub fn off_without<T>(&self, key: &str, what: &str) -> Option<Option<T>> {
         if self.is_present() {
-            self.problem(key, format!("is missing: {what}; to turn the function off, leave the whole table out"));
+            self.problem(key, format!("is missing: {what}; to turn the function off, remove the whole table"));
             return None;
         }
         Some(None)

@@ -86,7 +86,8 @@ fn each_mistake_is_named_with_line_key_and_what_is_allowed() {
         ("rows = 4", "6: locate.rows: unknown key here; did you mean extra[1].rows or region.rows?"),
         (
             "wavelength = 4",
-            "6: locate.wavelength: unknown key; known here: max_shift_mm, turn_limit_deg, heartbeat_ms, corner_mm, outline",
+            "6: locate.wavelength: unknown key; valid keys here: max_shift_mm, turn_limit_deg, heartbeat_ms, \
+             corner_mm, outline",
         ),
         // Values.
         ("max_shift_mm = 501", "6: locate.max_shift_mm: found 501, valid: a number from 0 to 500"),

@@ -134,11 +134,12 @@ impl Found {
                 file,
                 1,
                 "CONFIGURATION/EXTERNAL/TYPE",
-                format!("is {found}; the PC is the client, so it must be {expected}"),
+                format!("is {found}, must be {expected}, because the PC is the client"),
             );
         }
         if theirs.environment != ours.environment {
-            let message = "differs from this program's own file: the channel must live as long as the submit interpreter, so it must be Submit";
+            let message = "must be Submit, as in this program's own file: the channel must exist as long as the submit \
+                           interpreter runs";
             self.note(file, 1, "CONFIGURATION/INTERNAL/ENVIRONMENT", message);
         }
         if theirs.protocol != ours.protocol {
@@ -146,7 +147,7 @@ impl Found {
         }
         if theirs.memory != ours.memory {
             let message = format!(
-                "{} entries in {} order and {} bytes; this program counts with {} entries in {} order and {} bytes",
+                "found {} entries in {} order and {} bytes; this program expects {} entries in {} order and {} bytes",
                 theirs.memory.entries,
                 theirs.memory.order,
                 theirs.memory.bytes,
@@ -159,7 +160,7 @@ impl Found {
         if (theirs.ping, theirs.alive_out, theirs.connect_timeout_ms)
             != (ours.ping, ours.alive_out, ours.connect_timeout_ms)
         {
-            let message = "Ping, Set_Out or TIMEOUT: not as in this program's own file; remove the additions";
+            let message = "Ping, Set_Out or TIMEOUT differs from this program's own file; remove the additions";
             self.note(file, 1, "CONFIGURATION/INTERNAL", message);
         }
     }
@@ -185,7 +186,7 @@ impl Found {
         };
         let line = theirs.get(place).or(theirs.last()).map_or(1, |element| element.line);
         let message = format!(
-            "place {} is {}, this program's own file has {}; copy {file} of this program's config/kuka",
+            "position {} is {}, but this program's own file has {}; copy {file} from this program's config/kuka",
             place + 1,
             word(theirs),
             word(ours)
@@ -213,9 +214,10 @@ impl Found {
         for (name, flag, line, key) in raised {
             let Some(stated) = config.get(name) else { continue };
             if flag.map(f64::from) != Some(stated.value) {
-                let found = flag.map_or("raises no flag".to_owned(), |flag| format!("raises $FLAG[{flag}]"));
+                let found = flag.map_or("sets no flag".to_owned(), |flag| format!("sets $FLAG[{flag}]"));
                 let message = format!(
-                    "{found}, and {name} of {CONFIG} (line {}) is {}: the program would never notice it; make both the same",
+                    "{found}, but {name} of {CONFIG} (line {}) is {}: the program would never detect the flag; make \
+                     both the same",
                     stated.line, stated.value
                 );
                 self.note(file, line, key, message);
@@ -277,14 +279,12 @@ impl Found {
             return;
         }
         let what = if theirs.port == others {
-            "that of the other channel there: command_port and state_port are exchanged"
+            "command_port and state_port are exchanged"
         } else {
-            "not as the cell's file states"
+            "the PC could not connect"
         };
-        let message = format!(
-            "is {}, and [robot] of the cell's file has {port}; it is {what}; make both the same",
-            theirs.port
-        );
+        let message =
+            format!("is {}, but [robot] of the cell's file has {port}: {what}; make both the same", theirs.port);
         self.note(file, line_of(text, "<PORT>"), "CONFIGURATION/INTERNAL/PORT", message);
     }
 
@@ -301,12 +301,17 @@ impl Found {
             });
             let key = format!("INTERRUPT DECL {number}");
             match place {
-                None => self.note(MOTION, 1, key, format!("is not there; it must watch {variable} by {name}")),
+                None => self.note(
+                    MOTION,
+                    1,
+                    key,
+                    format!("is missing; this interrupt must monitor {variable} with the number {name}"),
+                ),
                 Some((line, found)) if found != Some(stated.value) => {
                     let found = found.map_or("no number".to_owned(), |found| found.to_string());
                     let message = format!(
-                        "watches {variable}[{found}], and {name} of {CONFIG} (line {}) is {}: the stop would not be heard; make both \
-                         the same",
+                        "monitors {variable}[{found}], but {name} of {CONFIG} (line {}) is {}: the stop would not be \
+                         detected; make both the same",
                         stated.line, stated.value
                     );
                     self.note(MOTION, line, key, message);

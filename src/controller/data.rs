@@ -52,7 +52,7 @@ impl Compared<'_> {
         }
         for stated in self.config.twice() {
             let key = stated.index.map_or(stated.name.clone(), |index| format!("{}[{index}]", stated.name));
-            self.note(stated.line, key, "is stated a second time; the last one counts on the controller");
+            self.note(stated.line, key, "is set twice; the controller uses the last value");
         }
         let (outputs, off) = (self.outputs(), self.off());
         self.stops(&outputs, &off);
@@ -115,7 +115,8 @@ impl Compared<'_> {
                     array,
                     key,
                     format!(
-                        "is not stated, and {count} counts {places}: reading it would stop the submit interpreter"
+                        "is missing, but {count} is {places}: reading the missing value would stop the submit \
+                         interpreter"
                     ),
                 ),
                 Some(number) => match number.whole().filter(|whole| (numbers.0..=numbers.1).contains(whole)) {
@@ -132,7 +133,7 @@ impl Compared<'_> {
             stated.iter().filter(|(index, number)| !(1..=places).contains(*index) && number.value != 0.0)
         {
             let message = format!(
-                "is {}, and {count} counts {places}: it has no effect; raise the count or remove it",
+                "is {}, but {count} is {places}, so this value has no effect; increase the count or remove the value",
                 number.value
             );
             self.note(number.line, format!("{array}[{index}]"), message);
@@ -150,7 +151,9 @@ impl Compared<'_> {
         let found = self.list(array, count, MAX_BITS, (1, MAX_SIGNAL));
         let names = Self::names(named);
         let word = |number: i32| {
-            names.get(&number).map_or(format!("{number}, which {table} lacks"), |name| format!("{number} ({name})"))
+            names
+                .get(&number)
+                .map_or(format!("{number}, which is not in {table}"), |name| format!("{number} ({name})"))
         };
         let expected: Vec<i32> = names.keys().copied().collect();
         for (place, (number, line)) in found.iter().enumerate() {
@@ -159,14 +162,18 @@ impl Compared<'_> {
             }
             let wanted = expected.get(place).map_or("nothing".to_owned(), |number| word(*number));
             let message = format!(
-                "is {}; {table} of the cell's file has {wanted} at this place (its numbers in ascending order): \
-                 the PC would confuse the signals",
+                "is {}, but {table} of the cell's file has {wanted} at this position (numbers in ascending order): the \
+                 PC would confuse the signals",
                 word(*number)
             );
             self.note(*line, format!("{array}[{}]", place + 1), message);
         }
         if let Some(stated) = self.config.get(count).filter(|stated| stated.value != expected.len() as f64) {
-            let message = format!("is {}, and {table} of the cell's file names {}", stated.value, expected.len());
+            let message = format!(
+                "is {}, but the number of entries in {table} of the cell's file is {}",
+                stated.value,
+                expected.len()
+            );
             self.note(stated.line, count, message);
         }
         found
@@ -195,7 +202,7 @@ impl Compared<'_> {
             self.note(
                 line,
                 format!("CELL_OFF_MS[{index}]"),
-                format!("CELL_OFF_N counts {counted}: it has no effect"),
+                format!("has no effect, because CELL_OFF_N is {counted}"),
             );
         }
         off.into_iter()
@@ -217,30 +224,36 @@ impl Compared<'_> {
                 [] if *after_s == 0 => {
                     let what = if name == Output::Tool.name() { "the tool" } else { "water" };
                     let message = format!(
-                        "NO STOP SWITCHES {} OFF: $OUT[{number}] ({name}) is not in CELL_OFF. At a stop, an abort \
-                         or a lost link {what} would keep running. Add it with CELL_OFF_MS 0",
+                        "NO STOP SWITCHES {} OFF: $OUT[{number}] ({name}) is not in CELL_OFF. At a stop, an abort or a \
+                         lost link {what} would keep running. Add this output with CELL_OFF_MS 0",
                         name.to_uppercase()
                     );
                     self.note(line_of_count, "CELL_OFF", message);
                 }
                 [] => {
                     let message = format!(
-                        "$OUT[{number}] ({name}) is not in CELL_OFF; the cell's file states off after {after_s} s"
+                        "$OUT[{number}] ({name}) is not in CELL_OFF, but the cell's file switches it off after \
+                         {after_s} s"
                     );
                     self.note(line_of_count, "CELL_OFF", message);
                 }
                 [(_, line, None), ..] => {
                     let message = format!(
-                        "$OUT[{number}] ({name}) has no CELL_OFF_MS; the cell's file states off after {after_s} s"
+                        "$OUT[{number}] ({name}) has no CELL_OFF_MS, but the cell's file switches it off after \
+                         {after_s} s"
                     );
                     self.note(*line, "CELL_OFF_MS", message);
                 }
                 [(_, _, Some(ms)), rest @ ..] => {
                     if ms.value != after_ms {
-                        let at_once = if *after_s == 0 { "; TOOL AND WATER GO OFF AT ONCE, 0" } else { "" };
+                        let at_once = if *after_s == 0 {
+                            "; TOOL AND WATER MUST BE SWITCHED OFF IMMEDIATELY (0 ms)"
+                        } else {
+                            ""
+                        };
                         let message = format!(
-                            "$OUT[{number}] ({name}) goes off after {} ms; [io.off_after_s] of the cell's file \
-                             states {after_ms}{at_once}",
+                            "$OUT[{number}] ({name}) is switched off after {} ms, but [io.off_after_s] of the cell's \
+                             file states {after_ms} ms{at_once}",
                             ms.value
                         );
                         self.note(ms.line, "CELL_OFF_MS", message);
@@ -268,13 +281,15 @@ impl Compared<'_> {
             }
             let message = match name {
                 Some(name) => format!(
-                    "$OUT[{output}] ({name}) would go off at the end of an epoch; [io.off_after_s] does not name it"
+                    "$OUT[{output}] ({name}) would be switched off at the end of an epoch, but is not in \
+                     [io.off_after_s]"
                 ),
                 None if outputs.iter().any(|(number, _)| number == output) => {
-                    format!("$OUT[{output}] is no output of [io.outputs]")
+                    format!("$OUT[{output}] is not an output of [io.outputs]")
                 }
                 None => format!(
-                    "$OUT[{output}] is neither in CELL_OUT nor in [io.outputs]: another program's output would go off"
+                    "$OUT[{output}] is neither in CELL_OUT nor in [io.outputs]: an output of another program would be \
+                     switched off"
                 ),
             };
             self.note(*line, "CELL_OFF", message);
@@ -294,7 +309,7 @@ impl Compared<'_> {
             };
             if number.value != f64::from(*expected) {
                 let message = format!(
-                    "is {}; [io.line_outputs] of the cell's file has {expected} for {word} (0: none)",
+                    "is {}, but [io.line_outputs] of the cell's file has {expected} for {word} (0: none)",
                     number.value
                 );
                 self.note(number.line, key.clone(), message);
@@ -304,8 +319,8 @@ impl Compared<'_> {
                     number.line,
                     key,
                     format!(
-                        "$OUT[{}] is in CELL_OUT: an output that moves or runs something must not report to \
-                             the line",
+                        "$OUT[{}] is also in CELL_OUT: an output that switches a device must not be a signal to the \
+                         line",
                         number.value
                     ),
                 );
@@ -325,7 +340,7 @@ impl Compared<'_> {
             self.note(
                 line,
                 "CELL_VIN",
-                format!("lacks input {number}, which [io.mapped_inputs] of the cell's file names"),
+                format!("does not contain input {number}, which [io.mapped_inputs] of the cell's file names"),
             );
         }
         for (number, line) in inputs.iter().filter(|(number, _)| !mapped.contains(number)) {
@@ -336,7 +351,11 @@ impl Compared<'_> {
         let mut seen = BTreeSet::new();
         for (flag, line) in flags {
             if let Some((name, _)) = own.iter().find(|(_, own)| *own == f64::from(flag)) {
-                self.note(line, "CELL_VIN_FLAG", format!("$FLAG[{flag}] is {name}: a mapped input would feign it"));
+                self.note(
+                    line,
+                    "CELL_VIN_FLAG",
+                    format!("$FLAG[{flag}] is already used by {name}: a mapped input would set this flag"),
+                );
             }
             if !seen.insert(flag) {
                 self.note(line, "CELL_VIN_FLAG", format!("$FLAG[{flag}] is used for two inputs"));
@@ -350,7 +369,7 @@ impl Compared<'_> {
             let Some(flag) = self.whole(name, 1, MAX_FLAG) else { continue };
             if let Some(first) = seen.insert(flag, name) {
                 let line = self.config.get(name).map_or(1, |number| number.line);
-                self.note(line, name, format!("is {flag}, which is {first} already"));
+                self.note(line, name, format!("is {flag}, which is already used by {first}"));
             }
         }
     }
@@ -364,7 +383,8 @@ impl Compared<'_> {
             {
                 let line = self.config.get(name).map_or(1, |number| number.line);
                 let message = format!(
-                    "is {timer}, but {first} before it is {number}: the seven timers must have consecutive numbers"
+                    "is {timer}, but the previous timer, {first}, is {number}: the seven timers must have consecutive \
+                     numbers"
                 );
                 self.note(line, name, message);
             }
@@ -380,10 +400,7 @@ impl Compared<'_> {
                 self.array_number(array, index, |found| {
                     let differs = (found - expected).abs() > ROUNDING;
                     differs.then(|| {
-                        format!(
-                            "is {found}°; [arm] of the cell's file has {expected}°: one would \
-                                             allow what the other refuses"
-                        )
+                        format!("is {found}°, but [arm] of the cell's file has {expected}°; make both the same")
                     })
                 });
             }
@@ -409,13 +426,14 @@ impl Compared<'_> {
             let found = number.value;
             if found < cell_m_s - ROUNDING {
                 let message = format!(
-                    "is {found} m/s; [limits] max_speed_mm_s of the cell's file allows {cell_m_s} m/s: faster lines would be refused"
+                    "is {found} m/s, but [limits] max_speed_mm_s of the cell's file allows {cell_m_s} m/s: the \
+                     controller would refuse faster lines"
                 );
                 self.note(number.line, "CELL_VEL_MAX", message);
             } else if found > MAX_RATIO_TO_CELL * cell_m_s + ROUNDING {
                 let message = format!(
-                    "is {found} m/s, the limit is {MAX_RATIO_TO_CELL} times [limits] max_speed_mm_s of the cell's file, {} m/s: the controller is \
-                     the second line behind the PC",
+                    "is {found} m/s, the limit is {MAX_RATIO_TO_CELL} times [limits] max_speed_mm_s of the cell's \
+                     file, {} m/s: the controller must limit the speed if the PC does not",
                     MAX_RATIO_TO_CELL * cell_m_s
                 );
                 self.note(number.line, "CELL_VEL_MAX", message);
@@ -469,8 +487,8 @@ impl Compared<'_> {
                     let beyond = outwards * (found - expected);
                     (!(-ROUNDING..=BOX_TOLERANCE_MM + ROUNDING).contains(&beyond)).then(|| {
                         format!(
-                            "is {found} mm; [limits] of the cell's file has {expected} mm, and the controller's box may reach 0 to \
-                             {BOX_TOLERANCE_MM} mm beyond it"
+                            "is {found} mm, but [limits] of the cell's file has {expected} mm; valid: 0 to \
+                             {BOX_TOLERANCE_MM} mm outside of the cell's limit"
                         )
                     })
                 });
@@ -481,7 +499,8 @@ impl Compared<'_> {
             && !(number.value >= step_mm - ROUNDING && number.value <= MAX_RATIO_TO_CELL * step_mm + ROUNDING)
         {
             let message = format!(
-                "is {} mm; [limits] max_step_mm of the cell's file is {step_mm} mm, the limits are 1 to {MAX_RATIO_TO_CELL} times as much",
+                "is {} mm, but [limits] max_step_mm of the cell's file is {step_mm} mm; valid: 1 to \
+                 {MAX_RATIO_TO_CELL} times the cell's value",
                 number.value
             );
             self.note(number.line, "CELL_STEP_MM", message);

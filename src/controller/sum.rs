@@ -17,10 +17,10 @@ const MODULUS: i64 = 1_000_003;
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SumError {
     /// A file is missing among the given files.
-    #[error("{0} is missing, which is part of the sum")]
+    #[error("the file {0} is missing, which is part of the programs' checksum")]
     Missing(&'static str),
     /// A value is not stated, or is not a number of the required kind.
-    #[error("{file}: {name} is not stated as a number, which is part of the sum")]
+    #[error("{file}: {name} is missing or not a number, but this value is part of the programs' checksum")]
     Value {
         /// The file.
         file: &'static str,
@@ -29,8 +29,8 @@ pub enum SumError {
     },
     /// The constant in the data list is not the sum of the programs' texts.
     #[error(
-        "{DATA}:{line}: CELL_PROGRAM_SUM is {stated}, and the texts of the programs sum up to {computed}: a program was \
-         edited, or is of another release"
+        "{DATA}:{line}: CELL_PROGRAM_SUM is {stated}, but the checksum of the programs' texts is {computed}: a program \
+         was edited, or is of another release"
     )]
     Edited {
         /// Its line.

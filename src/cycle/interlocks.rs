@@ -142,10 +142,10 @@ impl Need {
             Need::Tested => "a self-test",
             Need::Epoch => "an open epoch",
             Need::EpochEnded => "an ended epoch",
-            Need::Frames(_) => "base and tool as the controller echoed them",
-            Need::At(Path::Park) => "the arm at the pose park",
+            Need::Frames(_) => "base and tool frames that the controller has confirmed",
+            Need::At(Path::Park) => "the arm at the park pose",
             Need::At(Path::Approach) => "the arm at the approach point of a path, which only a cycle reaches",
-            Need::At(_) => "the arm at the end of that path",
+            Need::At(_) => "the arm at the end of the previous path",
             Need::ToolOff => {
                 "the tool off, by its output and by the feedback tool_running (and tool_stands, if the cell has it)"
             }
@@ -158,7 +158,7 @@ impl Need {
             Need::LensGuarded => "the lens shut, proven by the feedback lens_shut",
             Need::ExtractionOff => "the extraction off",
             Need::ExtractionFlowing => "the extraction on, proven by the feedback extraction_flow",
-            Need::Token => "a live localization",
+            Need::Token => "a valid localization",
             Need::FullOverride => "the controller's override at 100 %",
         }
     }

@@ -292,12 +292,12 @@ impl Abrasion {
         let names = worn.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
         let earlier = self.counted_before(worn);
         let message = match earlier.is_empty() {
-            true => format!("{names} broke again after {most} abrasions, max_passes_per_grid"),
+            true => format!("the film broke again on {names} after {most} abrasions (limit max_passes_per_grid)"),
             false => format!(
-                "{names} broke, and must not be abraded again: the limit is {most} abrasions, max_passes_per_grid. \
-                 Those of earlier cycles of this panel count, even if it is not known how far they went: {}; take \
-                 this part out. A cycle of another part counts from zero if its serial number is named, or if its \
-                 start has --another-part",
+                "the film broke on {names}, and the limit of {most} abrasions (max_passes_per_grid) is reached. \
+                 Abrasions in earlier cycles of this panel count, even if they may be incomplete: {}. Take this \
+                 part out. If it is another part, name its serial number or start with --another-part: its count \
+                 begins at zero",
                 earlier.join("; ")
             ),
         };

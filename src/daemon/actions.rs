@@ -90,7 +90,7 @@ impl Running<'_> {
         let is_due =
             |pending: &mut PendingAction| pending.id == id && matches!(pending.waits, Condition::Computing);
         let Some(PendingAction { act, .. }) = self.pending.take_if(is_due) else {
-            tracing::debug!(id = id.0, "a result came late and is dropped");
+            tracing::debug!(id = id.0, "a late result is discarded");
             return Ok(());
         };
         self.keep(notes)?;

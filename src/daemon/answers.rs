@@ -18,7 +18,7 @@ pub(super) fn figure(drawing: Drawing, bare: &ColorPicture) -> Figure {
     match picture {
         Ok(picture) => Figure { name, caption, picture },
         Err(error) => {
-            let caption = format!("{caption}; nothing is drawn on it: {error}");
+            let caption = format!("{caption}; the overlay could not be drawn: {error}");
             Figure { name, caption, picture: bare.clone() }
         }
     }

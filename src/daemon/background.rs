@@ -106,7 +106,7 @@ fn run_apart(
     supervision::stand_apart();
     step_back();
     while catch_unwind(AssertUnwindSafe(|| runtime.block_on(begin(&mut ended)))).is_err() {
-        tracing::warn!("{what} failed, see the lines above; it starts again");
+        tracing::warn!("{what} failed (see the log lines above) and starts again");
         if runtime.block_on(async { timeout(RESTART_DELAY, &mut ended).await }).is_ok() {
             return;
         }

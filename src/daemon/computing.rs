@@ -224,7 +224,7 @@ impl Thread {
         if !self.lock_step
             && let Err(error) = rustix::process::setpriority_process(None, NICE)
         {
-            tracing::warn!("computing runs at the loop's priority: {error}");
+            tracing::warn!("cannot lower the priority of the computing thread: {error}");
         }
         // The threads of the pool have the same lowered priority as this one.
         let _own = (!self.lock_step).then(|| own_threads(0));

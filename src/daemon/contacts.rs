@@ -49,7 +49,7 @@ impl Running<'_> {
         let last = (wanted < self.underway.all()).then(|| CommandId(sent.first().0 + wanted - 1));
         if let Err(error) = self.ports.robot.permit(last) {
             // The epoch has just ended, which is reported separately.
-            tracing::debug!("no more waypoints are let go: {error}");
+            tracing::debug!("no further waypoints are released: {error}");
         }
         Ok(())
     }

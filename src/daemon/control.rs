@@ -34,8 +34,8 @@ impl Control {
             return None;
         }
         let Some(state) = state else {
-            let message = "the selector switch cannot be read without the controller: only stop, abort and hold \
-                           are accepted";
+            let message = "without a connection to the controller the selector switch cannot be read: only stop, \
+                           abort and hold are accepted";
             return Some(Reason::new("control_unknown", message));
         };
         let (is_local, is_at_cell) = (reads(state, bit), is_at_cell(front));
@@ -44,14 +44,17 @@ impl Control {
         let (selected, other) = if is_local { ("local", "remote") } else { ("remote", "local") };
         if needs_person && !(is_local && is_at_cell) {
             let message = format!(
-                "it is accepted from a person at the cell only, and the selector switch is at {selected}: set it \
-                 to local, look at the cell, then request it on the page or with `panelprep ctl`"
+                "this request is accepted only from a person at the cell, with the selector switch at local (now \
+                 {selected}). Set the switch to local, look at the cell, then repeat the request on the page or \
+                 with `panelprep ctl`"
             );
             return Some(Reason::new("local_control", message));
         }
         (is_local != is_at_cell).then(|| {
-            let message =
-                format!("the selector switch is at {selected}, and the request came from the {other} side");
+            let message = format!(
+                "the selector switch is set to {selected}, but the request came from the {other} side; set the \
+                 switch to {other}"
+            );
             Reason::new("not_selected", message)
         })
     }

@@ -113,7 +113,8 @@ impl Corners {
             self.held.iter().filter(|it| !is_seen(it)).map(|corner| format!("corner {}", corner + 1)).collect();
         (self.no_more && !missing.is_empty()).then(|| {
             let message = format!(
-                "{} corrected the place and cannot be looked at again: {}; clear the way, or dry the panel and locate it anew",
+                "{} corrected the panel's pose and cannot be viewed again for verification: {}. Remove the cause, \
+                 or dry the panel and locate it again",
                 missing.join(" and "),
                 self.left_out().join("; ")
             );

@@ -22,7 +22,7 @@ pub enum DaemonError {
         key: &'static str,
     },
     /// No corner was taught.
-    #[error("no corner of this panel was taught; teach it with --corner and --flange")]
+    #[error("no corner of this panel was taught; teach a corner with --corner and --flange")]
     NoCorner,
     /// A corner was taught in an area of the picture in which measuring is not permitted.
     #[error("a taught corner: {0}")]
@@ -31,7 +31,7 @@ pub enum DaemonError {
     #[error(transparent)]
     Force(#[from] ForceMismatch),
     /// The system provides no thread for computing.
-    #[error("the thread that computes cannot start: {0}")]
+    #[error("cannot start the computing thread: {0}")]
     Thread(std::io::Error),
     /// A thread of the program failed; the robot was commanded to stop.
     #[error(transparent)]

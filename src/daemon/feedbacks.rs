@@ -37,17 +37,17 @@ impl Contrary {
 /// Describes the effect of a switch, and the names of the output and the feedback that proved it.
 fn words(switch: Switch) -> (&'static str, Output) {
     match switch {
-        Switch::ToolOn => ("the tool runs", Output::Tool),
+        Switch::ToolOn => ("the tool is on", Output::Tool),
         Switch::ToolOff => ("the tool is off", Output::Tool),
-        Switch::Rinse => ("the rinse flows", Output::Spray),
-        Switch::Spray => ("the spray flows", Output::Spray),
+        Switch::Rinse => ("the rinse water is on", Output::Spray),
+        Switch::Spray => ("the spray water is on", Output::Spray),
         Switch::WaterOff => ("the water is off", Output::Spray),
         Switch::LightOn => ("the light is on", Output::Light),
         Switch::LightOff => ("the light is off", Output::Light),
-        Switch::LensClear => ("the lens is clear", Output::LensShutter),
-        Switch::LensGuard => ("the lens is guarded", Output::LensShutter),
-        Switch::ExtractionOn => ("the extraction draws air", Output::Extraction),
-        Switch::ExtractionOff => ("the extraction is off", Output::Extraction),
+        Switch::LensClear => ("the lens shutter is open", Output::LensShutter),
+        Switch::LensGuard => ("the lens shutter is closed", Output::LensShutter),
+        Switch::ExtractionOn => ("the dust extraction is on", Output::Extraction),
+        Switch::ExtractionOff => ("the dust extraction is off", Output::Extraction),
     }
 }
 
@@ -73,8 +73,9 @@ fn describe_state(switch: Switch, wiring: &Wiring, state: &State) -> String {
 pub(super) fn contrary_reason(switch: Switch, wiring: &Wiring, state: &State) -> Reason {
     let ((was_proven, _), tells) = (words(switch), describe_state(switch, wiring, state));
     let contrary_s = f64::from(CONTRARY_FOR_MS) / 1_000.0;
-    let message =
-        format!("expected: {was_proven}; for {contrary_s:.1} s the controller reports something else: {tells}");
+    let message = format!(
+        "expected: {was_proven}; the controller has reported a different state for {contrary_s:.1} s: {tells}"
+    );
     Reason::new("feedback", message)
 }
 

@@ -3,7 +3,7 @@
 //! The C library retains freed memory for the next allocations. If small objects stay allocated between them, the free
 //! blocks are fragmented. So the memory of a service that runs for weeks grows with every picture for which no free
 //! block is large enough.
-#![cfg_attr(target_env = "gnu", allow(unsafe_code, reason = "the C library's own function, which takes a number"))]
+#![cfg_attr(target_env = "gnu", allow(unsafe_code, reason = "malloc_trim of the C library has no safe wrapper"))]
 
 /// Returns all free memory of the process to the system, if the C library can. This takes some 10 ms for each 30
 /// MB, during which threads that allocate may wait. Call it only while the robot is at rest.
@@ -12,7 +12,7 @@ pub fn give_back_free_memory() {
     let begun = std::time::Instant::now();
     // SAFETY: `malloc_trim` may be called at any time by any thread; it locks the pools one after the other.
     let is_any = unsafe { libc::malloc_trim(0) } == 1;
-    tracing::debug!("free memory was given back: {is_any}, in {:.1} ms", begun.elapsed().as_secs_f64() * 1e3);
+    tracing::debug!("memory returned to the system: {is_any}, in {:.1} ms", begun.elapsed().as_secs_f64() * 1e3);
 }
 
 /// Does nothing: other C libraries return memory automatically, or cannot return it.

@@ -61,7 +61,8 @@ impl Gateway {
                 }
             }
             RequestKind::Shoot(_) => {
-                let message = "the service has not opened its cameras yet; request its state";
+                let message = "the service has not opened its cameras yet; wait until `panelprep ctl state` shows \
+                               that the service is ready";
                 return Reply::refused(Exit::Refused, vec![Reason::new("not_now", message)]);
             }
             RequestKind::Table(request) if request.is_decision() => {
@@ -83,7 +84,10 @@ impl Gateway {
             Ok(Ok(reply)) => reply,
             Ok(Err(_)) => failed("ended", "the service ended before it could answer"),
             // Not "refused": the request is in the queue and may still happen.
-            Err(_) => failed("silent", "the service's loop does not answer; request its state, and read its log"),
+            Err(_) => failed(
+                "silent",
+                "the control loop of the service does not respond; check the state and the log of the service",
+            ),
         }
     }
 

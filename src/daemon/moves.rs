@@ -50,8 +50,8 @@ impl Running<'_> {
         // Zeros are a valid pose for every computation that follows; only together are they the sign of a program that
         // was not started.
         if self.robot_state.is_some_and(|state| state.tip_is_unknown()) {
-            let message = "the controller reports 0 for each number of its pose: the arm's pose is not known; \
-                           start its program";
+            let message = "the controller reports a pose of all zeros, so the arm's pose is not known; start the \
+                           robot program";
             self.note(Kind::Gate, vec![Reason::new("no_route", message)])?;
             self.answer(id, Answer::Failed(Trouble::Gate));
             return Ok(());
@@ -126,7 +126,9 @@ impl Running<'_> {
         match self.robot_state {
             Some(state) if reasons.is_empty() => {
                 let met = self.met_on_the_way(&state, poses, start, obstacles);
-                reasons.extend(met.map(|met| Reason::new("out_of_reach", format!("on the way there {met}"))));
+                reasons.extend(met.map(|met| {
+                    Reason::new("out_of_reach", format!("the motion to the target is not possible: {met}"))
+                }));
             }
             Some(_) => {}
             None => reasons.push(Reason::new("no_route", "the arm's pose is not known")),
@@ -226,9 +228,9 @@ impl Running<'_> {
             return self.joints_are_good(poses, AxisMotionStart::Anywhere, None);
         };
         let message = format!(
-            "the arm is not where a path of this program left it, and on its way to the park pose {met}; jog the \
-             tool off the panel in T1, or move the arm there with `panelprep robot move-j park` while a person \
-             watches the way"
+            "the arm is not at a pose of this program's last path, and the motion to the park pose is not \
+             possible: {met}. Jog the tool off the panel in T1, or move the arm with `panelprep robot move-j park` \
+             and watch the motion"
         );
         self.note(Kind::Gate, vec![Reason::new("unknown_place", message)])?;
         Ok(false)
@@ -268,7 +270,7 @@ impl Running<'_> {
                 .map(|reason| reason.message.as_str())
                 .collect::<Vec<_>>()
                 .join("; ");
-            tracing::warn!("the arm does not come to corner {}: {why}", corner + 1);
+            tracing::warn!("the arm cannot move to the view of corner {}: {why}", corner + 1);
             self.perception.corners.leave_out(corner, &why);
         }
         match candidates.first() {
@@ -283,7 +285,10 @@ impl Running<'_> {
 
     pub(super) fn by_lines(&mut self, id: Id, motion: Motion) -> Result<(), DaemonError> {
         let Some(gated) = self.chosen_route(motion) else {
-            self.note(Kind::Gate, vec![Reason::new("no_route", "place, plan or pose of the arm is not known")])?;
+            self.note(
+                Kind::Gate,
+                vec![Reason::new("no_route", "the panel's pose, the plan or the arm's pose is not known")],
+            )?;
             self.answer(id, Answer::Failed(Trouble::Gate));
             return Ok(());
         };

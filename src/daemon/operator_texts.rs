@@ -30,7 +30,8 @@ pub fn command(request: Request) -> &'static str {
 /// Returns the reason for refusing a decision that does not state the step on which it was made.
 pub(super) fn no_step(request: Request) -> Reason {
     let message = format!(
-        "{} needs the step that it was decided upon, and none is given; read the state, then request it with the step that it shows",
+        "{} must state the step on which it was decided, but states none; read the state, then repeat the request \
+         with the step number from the state",
         command(request)
     );
     Reason::new("bad_request", message)
@@ -38,9 +39,10 @@ pub(super) fn no_step(request: Request) -> Reason {
 
 /// Returns why a decision on this step is not accepted now. `was` is the text that this step showed, if it is known.
 pub(super) fn outdated(request: Request, (step, was): (u64, Option<&str>), now: &State) -> Reason {
-    let was = was.unwrap_or("a state that this service did not see");
+    let was = was.unwrap_or("a state unknown to this service");
     let message = format!(
-        "{} was decided upon step {step}: {was}; the cell is at step {}: {}; read it and decide again",
+        "{} was decided on step {step} ({was}), but the cell is now at step {} ({}); read the state and decide \
+         again",
         command(request),
         now.step,
         shown(now)
@@ -90,7 +92,7 @@ fn possible(state: &State) -> Vec<&'static str> {
 pub fn refusal(request: Request, refusal: Refusal, state: &State) -> Reason {
     let word = request_word(request);
     let possible = || match possible(state) {
-        words if words.is_empty() => "no command is possible until this changes".to_owned(),
+        words if words.is_empty() => "no command is possible in this state".to_owned(),
         words => format!("possible now: {}", words.join(", ")),
     };
     match refusal {
@@ -103,17 +105,18 @@ pub fn refusal(request: Request, refusal: Refusal, state: &State) -> Reason {
             Reason { message: format!("{word} needs a robot that is ready: {}", robot.message), ..robot }
         }
         Refusal::Review if matches!(state.at, At::Held(hold) if hold.is_of_contact()) => {
-            let message = "held for review of what the tool did: read the finding, then accept it or stop the cycle; drying the panel does not \
-                           change what was done";
+            let message = "held for review of the tool's work: read the finding, then accept the result or stop \
+                           the cycle. Drying the panel does not undo an abrasion";
             Reason::new("review", message)
         }
         Refusal::Review => {
-            let message = "held for review: look at the result, then accept it; or dry the panel and `unhold --dried`, \
-                           which locates it again";
+            let message = "held for review: check the result, then accept it; or dry the panel and locate it again \
+                           with `unhold --dried`";
             Reason::new("review", message)
         }
         Refusal::Undried => {
-            let message = "held until the panel is dried: dry it, then `unhold --dried` locates it and takes the new dry picture";
+            let message = "held until the panel is dry: dry the panel, then run `unhold --dried`; the cycle \
+                           locates the panel and takes the new dry picture";
             Reason::new("drying", message)
         }
         Refusal::Failed(what) => {
@@ -135,22 +138,22 @@ pub(super) fn holder(hold: &super::request::Request) -> Reason {
 /// Returns the reason that describes the robot's condition, such as why it is not ready.
 pub(super) fn robot(robot: Robot) -> Reason {
     let (code, message) = match robot {
-        Robot::Unknown => ("robot_unknown", "nothing was received from its controller yet"),
+        Robot::Unknown => ("robot_unknown", "nothing was received from the robot controller yet"),
         Robot::Ready => ("robot_ready", "the robot is ready"),
         Robot::LinkLost => {
-            ("link_lost", "there is no connection to its controller; check its cable, address and program")
+            ("link_lost", "no connection to the robot controller; check its cable, address and program")
         }
-        Robot::Restarted => ("robot_restarted", "its controller or program started anew"),
+        Robot::Restarted => ("robot_restarted", "the robot controller or its program was restarted"),
         Robot::EmergencyStop => {
             ("emergency_stop", "an emergency stop is pressed; with the drives off the arm does not retract")
         }
         Robot::GuardOpen => ("guard_open", "the guard is open"),
-        Robot::DrivesOff => ("drives_off", "its drives are off, or it cannot move"),
-        Robot::NotAutomatic => ("not_automatic", "it is in T1 or T2; switch it to automatic"),
+        Robot::DrivesOff => ("drives_off", "the robot's drives are off, or no motion is possible"),
+        Robot::NotAutomatic => ("not_automatic", "the robot is in T1 or T2; switch it to automatic"),
         Robot::OtherPrograms => (
             "other_programs",
-            "its programs or its cell_config.dat are others than those with which the cell was accepted: their checksum is not \
-             programs_sum of [robot]; `panelprep doctor --kuka` compares the files",
+            "the robot's programs or cell_config.dat differ from those with which the cell was accepted: their \
+             checksum is not [robot] programs_sum. Compare the files with `panelprep doctor --kuka DIR`",
         ),
     };
     Reason::new(code, message)
@@ -159,30 +162,32 @@ pub(super) fn robot(robot: Robot) -> Reason {
 pub(super) fn trouble(trouble: Trouble) -> Reason {
     let (code, message) = match trouble {
         Trouble::Camera => ("camera", "a camera gave no picture"),
-        Trouble::Picture => ("picture", "a camera's pictures cannot be used"),
-        Trouble::Computing => ("computing", "a computation could not be made"),
+        Trouble::Picture => ("picture", "the pictures of a camera cannot be used"),
+        Trouble::Computing => ("computing", "a computation failed"),
         Trouble::Feedback => {
             ("feedback", "a feedback differs from its expected state: tool, extraction, water, lens or light")
         }
         Trouble::Force => (
             "force",
-            "compliant tool fault; the arm keeps the tool off the panel. See the finding beside this message, then run `panelprep doctor`",
+            "compliant tool fault; the arm keeps the tool off the panel. Read the finding of this fault, then run \
+             `panelprep doctor`",
         ),
         Trouble::Starved => ("starved", "the robot ran out of waypoints"),
-        Trouble::Override => {
-            ("override", "contact needs an override of 100 %, and the controller's is another one or was changed")
-        }
-        Trouble::Slow => ("slow", "the robot is far behind its plan"),
-        Trouble::Gate => ("gate", "a path did not pass the gate, and none of it was sent"),
-        Trouble::Refused => ("refused", "the robot refused a command, or none could be sent"),
+        Trouble::Override => (
+            "override",
+            "contact requires an override of 100 %, but the controller's override is different or was changed",
+        ),
+        Trouble::Slow => ("slow", "the robot is far behind its planned motion"),
+        Trouble::Gate => ("gate", "a path did not pass the gate and was not sent"),
+        Trouble::Refused => ("refused", "the robot refused a command, or the command could not be sent"),
         Trouble::Short => ("short", "the robot stopped before the end of its path"),
-        Trouble::Sequence => ("sequence", "the robot acknowledged out of order"),
-        Trouble::Protocol => ("protocol", "the controller sent something that does not follow the protocol"),
+        Trouble::Sequence => ("sequence", "the robot acknowledged commands out of order"),
+        Trouble::Protocol => ("protocol", "the controller sent a message that violates the protocol"),
         Trouble::Deviation => ("deviation", "the arm is not at its commanded position"),
-        Trouble::Store => ("store", "the store does not write, or its disk is full"),
+        Trouble::Store => ("store", "the store cannot be written, or its disk is full"),
         Trouble::DiskFull => ("disk_full", "the store's disk is full; `panelprep ctl state` lists what to delete"),
-        Trouble::Late => ("late", "there was no answer by the deadline"),
-        Trouble::Unexpected => ("unexpected", "an answer does not match its request"),
+        Trouble::Late => ("late", "a response was not received before its deadline"),
+        Trouble::Unexpected => ("unexpected", "a response does not match its request"),
     };
     Reason::new(code, message)
 }
@@ -196,7 +201,7 @@ pub(super) fn stopped() -> Reason {
 pub(super) fn ended(event: Event, at: At) -> Option<Reason> {
     match (event, at) {
         (Event::Reported(Report::Boot), _) => {
-            Some(Reason::new("interrupted", "the program ended before the cycle did"))
+            Some(Reason::new("interrupted", "the program ended before the end of the cycle"))
         }
         (_, At::Aborting { cause } | At::Aborted { cause }) => Some(cause_reason(cause)),
         (_, At::Stopping { .. } | At::Stopped) => Some(stopped()),
@@ -219,18 +224,18 @@ fn not_proven(state: &State) -> Vec<Reason> {
     let At::Aborted { .. } = state.at else { return vec![] };
     let mut reasons = Vec::new();
     if state.facts.water_may_run {
-        let message = "water may be running: it was switched on and no feedback confirms that it is off; check it, \
-                       and close its valve by hand if it runs";
+        let message = "water may be running: the water was switched on, and no feedback confirms that it is off; \
+                       close the valve by hand if water runs";
         reasons.push(Reason::new("water_may_run", message));
     }
     if state.facts.tool_may_run {
-        let message = "the sanding tool may be running: it was switched on and no feedback confirms that it is \
-                       off; do not reach for it before it is at rest";
+        let message = "the sanding tool may be running: the tool was switched on, and no feedback confirms that it \
+                       is off; do not reach for the tool before it is at rest";
         reasons.push(Reason::new("tool_may_run", message));
     }
     if state.intent.is_some() || state.facts.epoch == Epoch::Changing {
-        let message = "the robot has not confirmed its standstill; its controller stops it by its own rules. If it \
-                       moves, press the emergency stop";
+        let message = "the robot has not confirmed its standstill; the controller stops the arm by its own rules. \
+                       If the arm moves, press the emergency stop";
         reasons.push(Reason::new("stop_not_confirmed", message));
     }
     reasons
@@ -248,14 +253,14 @@ fn cause_reason(cause: Cause) -> Reason {
                                                           finished",
         ),
         Cause::StoreChanged => {
-            let message = "something in the store differs from what this program wrote, and `panelprep store \
-                           verify` names it; what the cell did last may be unknown";
+            let message = "the store differs from what this program wrote, and the last actions of the cell may be \
+                           unknown; run `panelprep store verify` to list the differences";
             Reason::new("store_changed", message)
         }
         Cause::StoreRestored => {
-            let message = "the store was restored from a backup: it does not contain what the cell did since then, \
-                           and a part that was in the cell may have been abraded more often than recorded; take \
-                           such parts out, or have an inspector decide";
+            let message = "the store was restored from a backup and does not contain the work of the cell after \
+                           that backup. A part that was in the cell may have been abraded more often than \
+                           recorded; take such parts out, or let an inspector decide";
             Reason::new("store_restored", message)
         }
         Cause::OutputsOn => Reason::new("outputs_on", "the program ended while the tool or the water was on"),
@@ -265,39 +270,43 @@ fn cause_reason(cause: Cause) -> Reason {
 fn aborted(cause: Cause) -> Reason {
     let because = cause_reason(cause);
     let message = format!(
-        "aborted: {}; look at the cell, jog the pad off the panel if it touches, then `panelprep ctl clear`",
+        "aborted: {}; look at the cell, jog the pad off the panel if the pad touches it, then run `panelprep ctl \
+         clear`",
         because.message
     );
     Reason { message, ..because }
 }
 
 fn held(hold: Hold) -> Reason {
-    let next = "`panelprep ctl unhold` continues";
+    let next = "continue with `panelprep ctl unhold`";
     match hold.why {
-        Why::Asked => Reason::new("asked", format!("held: a person requested it; {next}")),
+        Why::Asked => Reason::new("asked", format!("held on request of a person; {next}")),
         Why::Review if hold.is_of_contact() => Reason::new(
             "review",
-            "held for review of what the tool did: read the finding, then `panelprep ctl accept`, or `panelprep ctl stop`",
+            "held for review of the tool's work: read the finding, then run `panelprep ctl accept` or `panelprep \
+             ctl stop`",
         ),
         Why::Review => Reason::new(
             "review",
-            "held for review: look at the result, then `panelprep ctl accept`, or dry the panel and `panelprep ctl \
-             unhold --dried`",
+            "held for review: check the result, then run `panelprep ctl accept`, or dry the panel and run \
+             `panelprep ctl unhold --dried`",
         ),
         Why::NotVerified => Reason::new(
             "not_verified",
-            "held: the panel is not where it was located; dry it, then `panelprep ctl unhold --dried` locates it again",
+            "held: the panel is not at its located pose; dry the panel, then locate it again with `panelprep ctl \
+             unhold --dried`",
         ),
         Why::Drying => Reason::new(
             "drying",
-            "held: the recipe judges sanded places by a new dry picture; dry the panel, then `panelprep ctl unhold --dried` takes it",
+            "held: the recipe requires a new dry picture after sanding; dry the panel, then take the picture with \
+             `panelprep ctl unhold --dried`",
         ),
         Why::TokenOver => {
             Reason::new("token_over", format!("held: the localization became too old in contact; {next}"))
         }
         Why::Trouble(what) => {
             let mended = trouble(what);
-            Reason { message: format!("held: {}. Fix it, then {next}", mended.message), ..mended }
+            Reason { message: format!("held: {}. Fix the cause, then {next}", mended.message), ..mended }
         }
     }
 }
@@ -328,7 +337,11 @@ mod tests {
         let at = |resume| At::Held(Hold { why: Why::Review, resume });
         let mut state = State { at: at(Phase::Assess { left: false }), ..ready() };
         for words in [&why(&state)[0], &refusal(Request::Unhold { dried: true }, Refusal::Review, &state)] {
-            assert!(words.code == "review" && words.message.contains("what the tool did"), "{}", words.message);
+            assert!(
+                words.code == "review" && words.message.contains("review of the tool's work"),
+                "{}",
+                words.message
+            );
             assert!(!words.message.contains("--dried"), "{}", words.message);
         }
         assert_eq!(possible(&state), ["accept", "stop", "abort"]);

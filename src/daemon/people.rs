@@ -95,7 +95,7 @@ impl People {
     pub fn audit(&self, entry: &AuditEntry) {
         if let Err(error) = self.write(|store| store.keep_audit(entry)) {
             let (what, who) = (&entry.what, entry.who.as_deref().unwrap_or("a person who is not logged in"));
-            tracing::warn!("the audit trail could not be written: {error}; {what} by {who}");
+            tracing::warn!("the audit trail could not be written: {error}; lost entry: {what} by {who}");
         }
     }
 
@@ -134,7 +134,7 @@ impl People {
         match self.read(|store| store.accounts()) {
             Ok(mut accounts) => accounts.remove(name),
             Err(error) => {
-                tracing::warn!("nobody can log in: {error}");
+                tracing::warn!("log-in is not possible, because the accounts cannot be read: {error}");
                 None
             }
         }
@@ -155,7 +155,9 @@ impl People {
                 self.lockout().right(name);
                 LogIn::Right(account)
             }
-            None if self.lockout().wrong(who, self.now_s()) => LogIn::Wrong("wrong password; the account pauses"),
+            None if self.lockout().wrong(who, self.now_s()) => {
+                LogIn::Wrong("wrong password; the account is locked temporarily")
+            }
             None => LogIn::Wrong("wrong name or password"),
         }
     }

@@ -260,7 +260,7 @@ impl Perception {
         };
         filming.elapsed_ms.push(elapsed_ms(begun));
         if let Some(grids) = added.opened_on {
-            tracing::info!(since_wet_s = added.since_wet_s, "the film broke on {grids}");
+            tracing::info!(since_wet_s = added.since_wet_s, "the water film broke on {grids}");
         }
         let since_s = time_s - *filming.first_s.get_or_insert(time_s);
         filming.seen_s = since_s;
@@ -268,7 +268,10 @@ impl Perception {
             return Ok(Ok(filming));
         }
         // If ending the film fails because the camera is lost, all the needed pictures have already been delivered.
-        let dropped = eyes.end_film().inspect_err(|error| tracing::warn!("the film's end: {error}")).ok();
+        let dropped = eyes
+            .end_film()
+            .inspect_err(|error| tracing::warn!("cannot end the recording of the film: {error}"))
+            .ok();
         self.finish(cycle, (filming, dropped), pass, record).map(Err)
     }
 

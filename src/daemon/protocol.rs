@@ -60,21 +60,22 @@ enum Line {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ProtocolError {
     /// Too long.
-    #[error("the line is longer than {most} bytes")]
+    #[error("the request line is longer than {most} bytes")]
     TooLong {
         /// Maximum length of a line, bytes.
         most: usize,
     },
     /// The line took too long.
-    #[error("the line did not come whole in time; write it at once")]
+    #[error("the request line was not complete in time; send the whole line at once")]
     Slow,
     /// The connection was closed because other connections needed its slot.
     #[error(
-        "too many connections are open, and this one was silent for longest; write the line at once, and try again"
+        "connection closed: too many connections are open, and this connection was idle for the longest time; send \
+         the request line at once, and try again"
     )]
     GaveWay,
     /// It broke off.
-    #[error("the line has no end")]
+    #[error("the request line has no line end")]
     NoEnd,
     /// The line is not an allowed request.
     #[error("not understood: {problem}")]
@@ -83,7 +84,7 @@ pub enum ProtocolError {
         problem: String,
     },
     /// Only the program itself may make this request.
-    #[error("this cannot be requested through the socket")]
+    #[error("this request is not accepted through the socket")]
     NotForClients,
 }
 

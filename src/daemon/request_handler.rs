@@ -221,7 +221,7 @@ impl RequestHandler {
         }
         let reply = Reply { done, ..self.reply(answer, reasons, state) };
         for waiting in all {
-            #[expect(clippy::let_underscore_must_use, reason = "whoever hung up does not want to know")]
+            #[expect(clippy::let_underscore_must_use, reason = "a client that disconnected needs no reply")]
             let _ = waiting.send(reply.clone());
         }
     }
@@ -331,7 +331,7 @@ impl RequestHandler {
     fn signal(&mut self) {
         self.signals = self.signals.saturating_add(1);
         if self.signals == 1 {
-            tracing::info!("a signal requests a stop; a second one aborts");
+            tracing::info!("a signal requests a stop; a second signal aborts");
             Self::notify(&[NotifyState::Stopping]);
         } else {
             tracing::warn!("another signal: abort");
@@ -351,7 +351,7 @@ impl RequestHandler {
         if let Some(id) = self.ended.take_if(|_| state.at.rests()) {
             #[expect(
                 clippy::let_underscore_must_use,
-                reason = "without a writer the record stays; its page can be made from it"
+                reason = "without a page writer the record remains, and the page can be made from it later"
             )]
             let _ = self.parts.pages.send(EndedCycle { id, recording: self.parts.recording.take_recording() });
         }

@@ -77,7 +77,10 @@ impl Inside {
                 return Some(request);
             }
             if !matches!(request.what, RequestKind::State) {
-                tracing::warn!("not done: {}; the caller was answered that it failed", request.what.words());
+                tracing::warn!(
+                    "request not executed: {}; the client no longer waits for the reply",
+                    request.what.words()
+                );
             }
         }
     }
@@ -91,8 +94,7 @@ pub enum RequestQueueError {
     Ended,
     /// Too many wait.
     #[error(
-        "{waiting} requests wait for an answer already; try again after they are answered (stop and abort are \
-         always accepted)"
+        "{waiting} requests are already waiting for a reply; try again later (stop and abort are always accepted)"
     )]
     Full {
         /// The number of waiting requests of the same user, or of all users.

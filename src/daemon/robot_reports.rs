@@ -63,8 +63,8 @@ impl Running<'_> {
             R::Slow { id, contact, waited } => {
                 let waited_s = waited.as_secs_f64();
                 let words = format!(
-                    "the robot is slower than its plan: command {id} has taken {waited_s:.1} s; is its override below \
-                     100 %, or in T1 the start key released?"
+                    "the robot is slower than its plan: command {id} has taken {waited_s:.1} s; set the override \
+                     to 100 %, and in T1 hold the start key"
                 );
                 if contact {
                     self.epoch_over(Trouble::Slow, Reason::new("slow", words))?;
@@ -76,7 +76,7 @@ impl Running<'_> {
             }
             R::SequenceError(error) => self.epoch_over(Trouble::Sequence, reason("sequence", &error))?,
             R::WatchdogExpired { channel, silence } => {
-                let words = format!("the {channel} was silent for {} ms", silence.as_millis());
+                let words = format!("nothing was received on the {channel} for {} ms", silence.as_millis());
                 self.epoch_over(Trouble::Late, Reason::new("watchdog", words))?;
             }
         }
@@ -166,8 +166,8 @@ impl Running<'_> {
         let Some((off_mm, allowed_mm)) = self.far_off_path(sent, done, state) else { return Ok(()) };
         let [off, allowed] = apart(off_mm, allowed_mm, 2);
         let message = format!(
-            "in contact the tip was measured {off} mm off the planned path, the limit is {allowed} mm: an axis slips, or something pushes \
-             the arm; the path is left"
+            "in contact the measured TCP is {off} mm off the planned path (limit {allowed} mm): an axis slips, or \
+             an object pushes the arm; the cycle is aborted"
         );
         self.note(Kind::Robot, vec![Reason::new("deviation", message)])?;
         self.events.push_back(Event::Reported(Report::Trouble(Trouble::Deviation)));

@@ -105,7 +105,7 @@ impl Running<'_> {
         if ended.is_err() {
             #[expect(
                 clippy::let_underscore_must_use,
-                reason = "best effort: without a controller its own watchdog stops it"
+                reason = "best effort: without this command the controller's own watchdog stops the robot"
             )]
             let _ = self.ports.robot.abort();
         }
@@ -114,7 +114,7 @@ impl Running<'_> {
 
     fn run(&mut self) -> Result<(), DaemonError> {
         if self.state.job.running {
-            let message = "the program ended while this cycle ran";
+            let message = "the program ended while this cycle was running";
             self.note(Kind::Robot, vec![Reason::new("interrupted", message)])?;
         }
         while let Some(event) = self.next_event()? {
@@ -367,12 +367,12 @@ impl Running<'_> {
                     tracing::error!(
                         table = verdict.word(),
                         record = kept.word(),
-                        "the findings are worse than the table's verdict"
+                        "the verdict of the findings is worse than the verdict of the cycle's state table"
                     );
                 }
                 let verdict = kept;
                 self.verdict = Some(verdict);
-                tracing::info!(verdict = verdict.word(), "the cycle is concluded");
+                tracing::info!(verdict = verdict.word(), "the cycle has ended");
                 self.ports.requests.publish(LoopEvent::Concluded(verdict));
             }
             Effect::Refuse { request, refusal } => {

@@ -31,7 +31,8 @@ impl RecipeText {
             return Ok(self);
         }
         Err(format!(
-            "{}: the start was decided upon the recipe with SHA-256 \"{}\", and the file's is {found}; read the recipe as it is now, then start by it",
+            "{}: the start request names the recipe with the SHA-256 \"{}\", but the file has {found}; read the \
+             current recipe, then start with its SHA-256",
             self.name,
             sha256.trim().escape_debug()
         ))

@@ -52,13 +52,13 @@ pub enum SingleError {
     #[error("the gate refuses: {}", words(.0))]
     Gate(Judgement),
     /// The robot did not execute the function.
-    #[error("the robot did not do it: {0}")]
+    #[error("the robot did not execute the command: {0}")]
     Robot(String),
     /// The link was lost during the function.
-    #[error("the link to the controller was lost: {0}; the controller stops by itself")]
+    #[error("the link to the controller was lost: {0}; the controller stops the robot by itself")]
     LinkLost(LinkLoss),
     /// The function exceeds its time limit.
-    #[error("not done after {} s of the robot's time; it was commanded to stop", .0.as_secs())]
+    #[error("the command was not complete after {} s of the robot's time; the robot was commanded to stop", .0.as_secs())]
     Late(Duration),
 }
 
@@ -153,7 +153,8 @@ impl<'r> Single<'r> {
         accepted(Judgement::new(self.other_programs(cell).into_iter().collect(), vec![]))?;
         match command {
             Command::MoveLin(_) | Command::MoveJ(_) | Command::SetDigout(_) | Command::CallSubroutine { .. } => {
-                let message = format!("{} has a gate of its own", command.name());
+                let message =
+                    format!("{} cannot be sent as a single command: it has its own checks", command.name());
                 return Err(gate(Reason::new("not_single", message)));
             }
             _ => self.open_epoch()?,
@@ -191,7 +192,7 @@ impl<'r> Single<'r> {
                 .map_err(|obstacle| gate(Reason::new("out_of_reach", format!("with {name}: {obstacle}"))))?;
         }
         self.open_epoch()?;
-        self.held_to_interlocks("a motion of the axes", single_interlocks::motion(Path::Park), cell)?;
+        self.held_to_interlocks("an axis motion", single_interlocks::motion(Path::Park), cell)?;
         let id = self.send(Command::MoveJ(MoveJ { joints, axis_speed_percent: f64::from(axis_speed_percent) }))?;
         self.executed(id, MOTION_TIMEOUT)
     }
@@ -206,7 +207,7 @@ impl<'r> Single<'r> {
         let fastest_mm_s = limits.max_speed_mm_s();
         if line.speed_mm_s.is_nan() || line.speed_mm_s > fastest_mm_s {
             let found_mm_s = line.speed_mm_s;
-            let message = format!("the speed is {found_mm_s} mm/s (limit {fastest_mm_s}, max_speed_mm_s)");
+            let message = format!("the speed is {found_mm_s} mm/s (limit {fastest_mm_s} mm/s, max_speed_mm_s)");
             return Err(gate(Reason::new("speed", message)));
         }
         self.open_epoch()?;
@@ -288,7 +289,8 @@ impl<'r> Single<'r> {
             (
                 !is_local,
                 "local_control",
-                "the selector switch is at remote, but a person at the cell requests this; set it to local",
+                "the selector switch is set to remote, but the request comes from a person at the cell; set the \
+                 switch to local",
             ),
             (state.mode == Mode::T2, "mode", "the mode is T2; use T1, AUT or EXT"),
             (state.emergency_stop, "emergency_stop", "an emergency stop is pressed; release and acknowledge it"),
@@ -297,8 +299,8 @@ impl<'r> Single<'r> {
             (
                 state.drives_on && !state.motion_possible,
                 "motion",
-                "the controller reports that no motion is possible; is the program running, in T1 the start key \
-                 held, and every message acknowledged?",
+                "the controller reports that no motion is possible; start the robot program, hold the start key in \
+                 T1, and acknowledge every message",
             ),
         ];
         let open = checks.into_iter().filter(|(wrong, ..)| *wrong);
@@ -330,7 +332,9 @@ impl<'r> Single<'r> {
         let until = self.robot.now() + COMMAND_TIMEOUT;
         while self.state.epoch != asked {
             if let Some(Report::EpochNotOpened { asked, found }) = self.receive()? {
-                return Err(SingleError::Robot(format!("it is in epoch {found}, not in {asked}")));
+                return Err(SingleError::Robot(format!(
+                    "the controller is in epoch {found}, requested was epoch {asked}"
+                )));
             }
             self.in_time(until, COMMAND_TIMEOUT)?;
         }
@@ -348,7 +352,7 @@ impl<'r> Single<'r> {
                 Some(Report::Interrupted { cause }) => return Err(self.stopped(cause.to_string())),
                 Some(Report::SequenceError(error)) => return Err(self.stopped(error.to_string())),
                 Some(Report::WatchdogExpired { channel, silence }) => {
-                    let words = format!("the {channel} was silent for {} ms", silence.as_millis());
+                    let words = format!("nothing was received on the {channel} for {} ms", silence.as_millis());
                     return Err(self.stopped(words));
                 }
                 _ => {}
@@ -392,7 +396,7 @@ impl<'r> Single<'r> {
         match &report {
             Some(Report::Connected { state } | Report::State(state)) => self.state = **state,
             Some(Report::Rebooted { .. }) => {
-                return Err(SingleError::Robot("the controller was started again".to_owned()));
+                return Err(SingleError::Robot("the controller was restarted".to_owned()));
             }
             Some(Report::LinkLost { why }) => return Err(SingleError::LinkLost(why.clone())),
             _ => {}
@@ -406,7 +410,7 @@ impl<'r> Single<'r> {
         }
         #[expect(
             clippy::let_underscore_must_use,
-            reason = "it is commanded to stop; its answer is not needed any more"
+            reason = "the robot is commanded to stop; its reply is not needed any more"
         )]
         let _ = self.robot.abort();
         Err(SingleError::Late(allowed))
@@ -429,7 +433,7 @@ fn accepted(judgement: Judgement) -> Result<(), SingleError> {
 fn number_of(name: &str, io: &InputsOutputs) -> Result<u16, SingleError> {
     io.outputs().get(name).copied().ok_or_else(|| {
         let names = io.outputs().keys().map(String::as_str).collect::<Vec<_>>().join(", ");
-        let message = format!("\"{name}\" is no output of [io.outputs]; valid: {names}");
+        let message = format!("\"{name}\" is not an output in [io.outputs]; valid: {names}");
         gate(Reason::new("no_such_output", message))
     })
 }

@@ -94,7 +94,10 @@ impl<Of: Copy + PartialEq> Slots<Of> {
 impl<Of: PartialEq> Inside<Of> {
     fn evict_one(&mut self, of: Of) {
         if let Some(at) = self.taken.iter().position(|taken| taken.of == of) {
-            #[expect(clippy::let_underscore_must_use, reason = "refused where it is about to leave by itself")]
+            #[expect(
+                clippy::let_underscore_must_use,
+                reason = "fails if the connection is about to close by itself"
+            )]
             let _ = self.taken.remove(at).wanted.send(());
         }
     }
@@ -103,7 +106,7 @@ impl<Of: PartialEq> Inside<Of> {
 impl<Of> Slot<Of> {
     /// Waits until another connection needs the slot.
     pub async fn is_wanted(&mut self) {
-        #[expect(clippy::let_underscore_must_use, reason = "a slot whose giver has gone is wanted back as well")]
+        #[expect(clippy::let_underscore_must_use, reason = "a dropped sender also means that the slot is needed")]
         let _ = (&mut self.wanted).await;
     }
 

@@ -56,13 +56,14 @@ const NICE: i32 = -5;
 #[derive(Debug, thiserror::Error)]
 pub enum SocketError {
     /// Another service.
-    #[error("{}: another panelprep answers on this socket; stop it first", path.display())]
+    #[error("{}: another panelprep process uses this socket; stop that process first", path.display())]
     InUse {
         /// The socket.
         path: PathBuf,
     },
     /// The file is not a socket.
-    #[error("{}: already exists and is not a socket; remove it, or name another `socket` in the cell's file", path.display())]
+    #[error("{}: the path already exists and is not a socket; remove the file, or set another path at `socket` in \
+             the cell's file", path.display())]
     NotASocket {
         /// The file.
         path: PathBuf,
@@ -156,7 +157,7 @@ fn serve(runtime: &Runtime, listener: &UnixListener, (gateway, role): (&Gateway,
     let service_uid = rustix::process::geteuid().as_raw();
     #[expect(
         clippy::let_underscore_must_use,
-        reason = "if it is not permitted, the system shares the processors as it does among all processes"
+        reason = "if the priority cannot be changed, the system schedules this thread like any other process"
     )]
     let _ = rustix::process::setpriority_process(None, NICE);
     runtime.block_on(async {
@@ -228,7 +229,7 @@ async fn send_reply(stream: &UnixStream, reply: &Reply) {
     line.push(b'\n');
     #[expect(
         clippy::let_underscore_must_use,
-        reason = "a client that hung up, or does not listen, does not need it"
+        reason = "a client that disconnected or does not read needs no reply"
     )]
     let _ = timeout(CLIENT_TIMEOUT, write(stream, &line)).await;
 }

@@ -132,15 +132,18 @@ impl PressState {
             return Some(lost(loss));
         }
         let Some((at, _)) = self.last else {
-            let words = "nothing was received from the compliant tool yet; is it on, and its cable in? `panelprep \
-                         doctor` checks it";
+            let words = "no data was received from the compliant tool yet; check its power and cable, then run \
+                         `panelprep doctor`";
             return Some(Reason::new("tool_link", words));
         };
         let longest =
             Duration::from_millis(u64::from(tool.reply_ms) + u64::from(tool.period_ms)) + MAX_READING_DELAY;
         let age = now.since(at);
         let words = || {
-            format!("the compliant tool has sent nothing for {} ms; `panelprep doctor` checks it", age.as_millis())
+            format!(
+                "the compliant tool has sent nothing for {} ms; run `panelprep doctor` to check the link",
+                age.as_millis()
+            )
         };
         (age > longest).then(|| Reason::new("tool_link", words()))
     }
@@ -186,8 +189,7 @@ fn limits(tool: &CompliantTool) -> WatchLimits {
 
 fn lost(loss: &Loss) -> Reason {
     let words = format!(
-        "the link to the compliant tool is lost: {loss}; check its power and cable; `panelprep doctor` tests the \
-         link"
+        "the link to the compliant tool is lost: {loss}; check its power and cable, then run `panelprep doctor`"
     );
     Reason::new("tool_link", words)
 }

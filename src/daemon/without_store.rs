@@ -33,7 +33,7 @@ pub fn wait_for<T>(queue: &RequestQueue, mut attempt: impl FnMut() -> Result<T, 
         for reply in queue.followers().into_iter().chain(reply) {
             let answer = if matches!(what, RequestKind::State) { Exit::Done } else { Exit::Fault };
             let state = Some("aborted".to_owned());
-            #[expect(clippy::let_underscore_must_use, reason = "whoever hung up does not want to know")]
+            #[expect(clippy::let_underscore_must_use, reason = "a client that disconnected needs no reply")]
             let _ = reply.send(Reply { state, ..Reply::refused(answer, vec![why.clone()]) });
         }
     }

@@ -26,13 +26,13 @@ pub struct Ack {
 #[serde(rename_all = "snake_case")]
 pub enum Refusal {
     /// `Err` 1.
-    #[error("an id is missing before it")]
+    #[error("an ID is missing before this command")]
     IdGap,
     /// `Err` 2.
-    #[error("it belongs to another epoch")]
+    #[error("the command belongs to another epoch")]
     WrongEpoch,
     /// `Err` 3.
-    #[error("the controller's ring is full")]
+    #[error("the controller's ring buffer of commands is full")]
     RingFull,
     /// `Err` 4.
     #[error("the controller does not know this operation")]
@@ -41,7 +41,7 @@ pub enum Refusal {
     #[error("a value is out of range")]
     OutOfRange,
     /// `Err` 6.
-    #[error("base or tool were not set in this epoch")]
+    #[error("base or tool is not set in this epoch")]
     FramesNotSet,
     /// `Err` 7.
     #[error("inputs are read-only")]
@@ -50,16 +50,18 @@ pub enum Refusal {
     #[error("the pose cannot be reached, or an axis would leave its range")]
     NotReachable,
     /// `Err` 9.
-    #[error("the robot is not in a mode that moves")]
+    #[error("the robot's operating mode does not allow motion")]
     NoMotionMode,
     /// `Err` 10.
     #[error("the controller has stopped this epoch")]
     Stopped,
     /// `Err` 11.
-    #[error("contact needs an override of 100 %, and it is another one or was changed")]
+    #[error("contact needs an override of 100 %, but the override has another value or was changed")]
     Override,
     /// `Err` 12.
-    #[error("the line ends outside of the controller's own box, or is longer in contact than its step")]
+    #[error(
+        "the line ends outside of the controller's own box, or is longer in contact than the controller's maximum step"
+    )]
     OutsideBox,
 }
 

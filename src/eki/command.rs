@@ -176,15 +176,15 @@ pub enum CommandError {
     },
     /// Inputs are read-only.
     #[error(
-        "set_digin: input {number} cannot be set, inputs of a KRC are read-only (KSS10388); an input that the \
-         controller maps to a flag can: name it in [io.mapped_inputs] and in CELL_VIN of cell_config.dat"
+        "set_digin: input {number} cannot be set, because inputs of a KRC are read-only (KSS10388). To set an input, \
+         map it to a flag: name it in [io.mapped_inputs] and in CELL_VIN of cell_config.dat"
     )]
     InputReadOnly {
         /// The input.
         number: u16,
     },
     /// Requested on the wrong channel.
-    #[error("get_current_state is requested on the state channel; it has no place in the ring")]
+    #[error("get_current_state is not a command for the controller's ring buffer; request it on the state channel")]
     NotACommand,
 }
 

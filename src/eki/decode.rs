@@ -35,13 +35,13 @@ pub enum DecodeError {
         expected: String,
     },
     /// Two documents instead of one.
-    #[error("a second root <{found}> behind the first")]
+    #[error("a second root element, <{found}>, follows the first")]
     SecondRoot {
         /// What it is.
         found: String,
     },
     /// An element that the channel file does not define.
-    #[error("the element {element} is not in the channel's file")]
+    #[error("the element {element} is not defined in the channel's file")]
     UnknownElement {
         /// Its path.
         element: String,
@@ -53,7 +53,7 @@ pub enum DecodeError {
         element: String,
     },
     /// An attribute that the channel file does not define.
-    #[error("{field} is not in the channel's file")]
+    #[error("{field} is not defined in the channel's file")]
     Unknown {
         /// Its path.
         field: String,
@@ -80,7 +80,7 @@ pub enum DecodeError {
         field: Word,
     },
     /// A text that is not a number in the form of EthernetKRL.
-    #[error("{field} is \"{found}\", which is no {needed}")]
+    #[error("{field} is \"{found}\", which is not a {needed}")]
     NotANumber {
         /// Its path.
         #[serde(deserialize_with = "word")]

@@ -25,7 +25,7 @@ const MAX_DEPTH: usize = 8;
 #[serde(rename_all = "snake_case")]
 pub enum FrameError {
     /// Text or invalid bytes between documents.
-    #[error("byte {at}: {byte:#04x} between documents, only < is valid there")]
+    #[error("byte {at}: found {byte:#04x} between two documents; only '<' is valid there")]
     Stray {
         /// The position.
         at: u64,
@@ -33,7 +33,7 @@ pub enum FrameError {
         byte: u8,
     },
     /// A control character or a byte that is not ASCII.
-    #[error("byte {at}: {byte:#04x} is no printable ASCII character")]
+    #[error("byte {at}: {byte:#04x} is not a printable ASCII character")]
     Byte {
         /// The position.
         at: u64,
@@ -59,7 +59,7 @@ pub enum FrameError {
         at: u64,
     },
     /// An invalid tag.
-    #[error("byte {at}: {byte:#04x} has no place in a tag")]
+    #[error("byte {at}: {byte:#04x} is not valid in a tag")]
     Tag {
         /// The position.
         at: u64,
@@ -67,7 +67,7 @@ pub enum FrameError {
         byte: u8,
     },
     /// An end tag without a start tag.
-    #[error("byte {at}: an end tag without its start")]
+    #[error("byte {at}: an end tag without its start tag")]
     Unopened {
         /// The position.
         at: u64,

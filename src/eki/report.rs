@@ -135,15 +135,15 @@ pub enum StopCause {
     ModeTurned,
     /// The epoch was stopped, and no robot program was able to move the robot.
     #[error(
-        "no robot program runs: select cell_motion and start it; in T1 its Start key was released, or a message waits to be \
-         acknowledged"
+        "no robot program is running: select cell_motion and start it. Possible causes: in T1, the Start key was \
+         released, or a message waits to be acknowledged"
     )]
     NoProgram,
     /// The controller's program has stopped the epoch.
     #[error("the controller's program has stopped by itself")]
     ByProgram,
     /// The link's reports are not fetched: the program that should supervise the robot has stalled.
-    #[error("the program that supervises the robot has not fetched reports for too long")]
+    #[error("the program that supervises the robot has not read the robot's reports for too long")]
     Unattended,
 }
 
@@ -153,8 +153,8 @@ pub enum StopCause {
 pub enum EchoMismatch {
     /// The controller does not report that the frame was set.
     #[error(
-        "command {id}, which sets the {frame}, was executed, but the controller reports that none is set in this \
-             epoch"
+        "command {id}, which sets the {frame}, was executed, but the controller reports that this frame is not set in \
+         this epoch"
     )]
     NotSet {
         /// Base or tool.
@@ -165,8 +165,8 @@ pub enum EchoMismatch {
     },
     /// Another frame is active.
     #[error(
-        "the {frame} set by command {id} is {sent}, the controller has {found}: {} mm and {}° apart (limit 0.001 \
-         of each)",
+        "the {frame} set by command {id} is {sent}, but the controller has {found}: {} mm and {}° apart (limits 0.001 \
+         mm and 0.001°)",
         apart(*distance_mm, 0.001, 4)[0], apart(*turn_deg, 0.001, 5)[0]
     )]
     Differs {
@@ -191,7 +191,9 @@ pub enum EchoMismatch {
 #[serde(rename_all = "snake_case")]
 pub enum SequenceError {
     /// A state is missing, repeated or out of order.
-    #[error("state {found} came after state {last}")]
+    #[error(
+        "state message {found} was received after state message {last}: a message is missing, repeated or out of order"
+    )]
     State {
         /// The one before.
         last: u32,
@@ -199,7 +201,7 @@ pub enum SequenceError {
         found: u32,
     },
     /// An answer without a request.
-    #[error("the controller answers request {found}; {first} to {last} may be answered")]
+    #[error("the controller sent a response to request {found}; valid: {first} to {last}")]
     Answer {
         /// What it answers.
         found: u32,
@@ -222,7 +224,10 @@ pub enum SequenceError {
         last: CommandId,
     },
     /// An epoch that this client did not open.
-    #[error("the controller is in epoch {found}, ours is {ours}: has another client connected?")]
+    #[error(
+        "the controller is in epoch {found}, but this program is in epoch {ours}; check whether another client is \
+         connected"
+    )]
     Epoch {
         /// Its epoch.
         found: Epoch,
@@ -237,8 +242,8 @@ pub enum SequenceError {
 pub enum LinkLoss {
     /// Nothing listens.
     #[error(
-        "{address} refuses the {channel}: the controller answers, but its EthernetKRL server does not; is the \
-         program running, and is the port the one in its file?"
+        "{address} refuses the {channel}: the controller responds, but its EthernetKRL server does not. Check that the \
+         controller's program is running, and that the port is the same as in the channel's file"
     )]
     Refused {
         /// Which connection.
@@ -248,8 +253,8 @@ pub enum LinkLoss {
     },
     /// The controller does not answer.
     #[error(
-        "{address} does not answer within {waited_ms} ms ({channel}): is the controller on, the cable in, the subnet the \
-         controller's, the port open in its firewall?"
+        "{address} does not respond within {waited_ms} ms ({channel}): check that the controller is on, the cable is \
+         connected, the subnet is the controller's, and the port is open in its firewall"
     )]
     NoAnswer {
         /// Which connection.
@@ -261,8 +266,8 @@ pub enum LinkLoss {
     },
     /// The client is connected, but receives no message.
     #[error(
-        "connected, but the {channel} was silent for {silence_ms} ms: is the program on the controller running, or another \
-         client connected?"
+        "the {channel} is connected, but no message was received for {silence_ms} ms: check that the program on the \
+         controller is running, and that no other client is connected"
     )]
     Silent {
         /// Which connection.
@@ -271,7 +276,7 @@ pub enum LinkLoss {
         silence_ms: u64,
     },
     /// A message has begun and does not end.
-    #[error("the {channel} has carried half a message for {waited_ms} ms")]
+    #[error("the {channel} received the start of a message, but not its end within {waited_ms} ms")]
     Unfinished {
         /// Which connection.
         channel: Channel,
@@ -280,8 +285,8 @@ pub enum LinkLoss {
     },
     /// An epoch that no controller can have reached from the last known one.
     #[error(
-        "the {channel} reports epoch {found}, but the last known one is {known}; a controller never counts back, \
-         nor forward by more than {step}: such a message is rejected"
+        "the {channel} reports epoch {found}, but the last known epoch is {known}: the message is rejected, because a \
+         controller's epoch never decreases, and never increases by more than {step}"
     )]
     EpochJump {
         /// Which connection.
@@ -295,8 +300,8 @@ pub enum LinkLoss {
     },
     /// A controller that has hardly any epochs left.
     #[error(
-        "the controller counts epoch {found}, which is above {most}: its count was damaged; deselect all programs there, \
-         set CELL_EP to 0 and start the controller cold"
+        "the controller is in epoch {found} (limit {most}): its epoch counter is corrupt. Deselect all programs on the \
+         controller, set CELL_EP to 0, and perform a cold start"
     )]
     EpochTooHigh {
         /// Its epoch.
@@ -306,7 +311,8 @@ pub enum LinkLoss {
     },
     /// An abort that the controller did not answer. Without a client the controller stops by itself.
     #[error(
-        "the controller has not answered an abort within {waited_ms} ms: the connections are closed, which stops it too"
+        "the controller did not respond to an abort within {waited_ms} ms: the connections are closed, which also \
+         stops the controller"
     )]
     AbortNotAnswered {
         /// How long the client waited, ms.
@@ -324,19 +330,20 @@ pub enum LinkLoss {
     },
     /// An abort that was answered but not carried out. Without a client the controller stops by itself.
     #[error(
-        "the controller has answered an abort and has not stopped: the connections are closed, which stops it too"
+        "the controller responded to an abort, but did not stop: the connections are closed, which also stops the \
+         controller"
     )]
     AbortNotObeyed,
     /// The connection has used all request numbers of 32 bits; a new connection starts counting again.
-    #[error("{most} requests were sent on this connection, which is all that can be counted")]
+    #[error("{most} requests were sent on this connection, the limit of the request counter")]
     RequestsExhausted {
         /// The last one.
         most: u32,
     },
     /// The controller closed the channel before its first message: another client is connected to it.
     #[error(
-        "the controller closed the {channel} before it sent anything: another client has it (another PC, or a \
-         program that hangs) and a second one is refused; or the previous one is not yet released; or its XML \
+        "the controller closed the {channel} before it sent any data. Possible causes: another client is connected \
+         (another PC, or a program that hangs); the previous connection is not yet released; the controller's XML \
          files are of another version (`panelprep check`)"
     )]
     Occupied {
@@ -344,7 +351,7 @@ pub enum LinkLoss {
         channel: Channel,
     },
     /// The two ports are exchanged: each one leads to the other channel.
-    #[error("the {channel} carries the messages of the other one: command_port and state_port are exchanged")]
+    #[error("the {channel} received messages of the other channel: command_port and state_port are exchanged")]
     PortsExchanged {
         /// Which connection.
         channel: Channel,
@@ -364,7 +371,7 @@ pub enum LinkLoss {
         problem: String,
     },
     /// Bytes that do not form documents.
-    #[error("the {channel} carries data that no controller sends: {error}")]
+    #[error("the {channel} received data that no controller sends: {error}")]
     Frame {
         /// Which connection.
         channel: Channel,
@@ -372,7 +379,7 @@ pub enum LinkLoss {
         error: FrameError,
     },
     /// A document that is not a valid message.
-    #[error("the {channel} carries a wrong message: {error}")]
+    #[error("the {channel} received an invalid message: {error}")]
     Message {
         /// Which connection.
         channel: Channel,

@@ -29,7 +29,7 @@ pub(super) const fn real(tag: &'static str, largest: f64) -> Field {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SchemaError {
     /// A tag that matches no field.
-    #[error("line {line}: this program has no use for the tag {tag}")]
+    #[error("line {line}: this program does not use the tag {tag}")]
     Unknown {
         /// Line in the file, from 1.
         line: usize,
@@ -37,7 +37,7 @@ pub enum SchemaError {
         tag: String,
     },
     /// A tag with another type.
-    #[error("line {line}: the tag {tag} must be {needed}, its Type is {found}")]
+    #[error("line {line}: the Type of the tag {tag} must be {needed}, found {found}")]
     Type {
         /// Line in the file, from 1.
         line: usize,

@@ -15,7 +15,7 @@ pub(super) fn word<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Word, D
     static KNOWN: Mutex<BTreeSet<Word>> = Mutex::new(BTreeSet::new());
     let text = String::deserialize(deserializer)?;
     if text.len() > MAX_BYTES {
-        return Err(D::Error::custom(format!("a word of {} letters; the longest has {MAX_BYTES}", text.len())));
+        return Err(D::Error::custom(format!("the text has {} bytes (limit {MAX_BYTES} bytes)", text.len())));
     }
     let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
     if let Some(word) = known.get(text.as_str()) {

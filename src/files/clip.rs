@@ -44,7 +44,7 @@ pub enum ClipError {
     #[error("the clip is empty: no picture follows the header")]
     Empty,
     /// Nothing to inspect.
-    #[error("none of the clip's {shots} pictures is wet; the test needs wet ones")]
+    #[error("none of the clip's {shots} pictures has the phase 'wet'; the water-break test needs wet pictures")]
     NoneWet {
         /// Pictures in the clip.
         shots: usize,
@@ -61,7 +61,7 @@ pub enum LineProblem {
     #[error("the file is '{0}'; valid: a name in the clip's folder, without / \\ or ..")]
     File(String),
     /// A picture twice.
-    #[error("the file '{file}' is in line {first} already")]
+    #[error("the file '{file}' is already listed in line {first}")]
     Duplicate {
         /// Its name.
         file: String,
@@ -72,7 +72,7 @@ pub enum LineProblem {
     #[error("time_s is '{0}'; valid: a finite number of seconds")]
     Time(String),
     /// A time that does not increase.
-    #[error("time_s is {0}, which is not after {1} of the picture before")]
+    #[error("time_s is {0}, which is not later than {1}, the time of the previous picture")]
     NotLater(String, String),
     /// A text that is not a phase.
     #[error("the phase is '{0}'; valid: dry, spray or wet")]
@@ -225,13 +225,13 @@ mod tests {
             (String::new(), "line 1: found the header ''"),
             ("file,time_s,phase\n".to_owned(), "the clip is empty"),
             (GOOD.replace("spray", "moist"), "line 3: the phase is 'moist'; valid: dry, spray or wet"),
-            (GOOD.replace("wet", "dry"), "none of the clip's 4 pictures is wet"),
+            (GOOD.replace("wet", "dry"), "none of the clip's 4 pictures has the phase 'wet'"),
             (GOOD.replace("0.2", "NaN"), "line 4: time_s is 'NaN'; valid: a finite number"),
             (GOOD.replace("0.2", "inf"), "line 4: time_s is 'inf'"),
             (GOOD.replace("0.2", "0,2"), "line 4: found 4 values, expected 3"),
             (GOOD.replace("0.2", ""), "line 4: time_s is ''"),
-            (GOOD.replace("0.4", "0.2"), "line 5: time_s is 0.2, which is not after 0.2"),
-            (GOOD.replace("003", "001"), "line 5: the file '001.png' is in line 3 already"),
+            (GOOD.replace("0.4", "0.2"), "line 5: time_s is 0.2, which is not later than 0.2"),
+            (GOOD.replace("003", "001"), "line 5: the file '001.png' is already listed in line 3"),
             (GOOD.replace("003", "../003"), "line 5: the file is '../003.png'; valid: a name in the clip's folder"),
             (GOOD.replace("003", "/003"), "line 5: the file is '/003.png'"),
             (GOOD.replace("003", "C:\\003"), "line 5: the file is"),

@@ -7,7 +7,8 @@ use crate::geometry::{CloudError, PinholeCamera};
 pub enum CloudFileError {
     /// Neither form.
     #[error(
-        "this is neither a PCD nor a PLY file: it has no header that ends in a line '{end}' (searched {searched} bytes)"
+        "the file is neither a PCD nor a PLY file: it has no header that ends in a line '{end}' (searched {searched} \
+         bytes)"
     )]
     NotACloud {
         /// The text with which the header's last line begins.
@@ -16,7 +17,7 @@ pub enum CloudFileError {
         searched: usize,
     },
     /// A file of another kind, as its first bytes show.
-    #[error("this is {kind}: {remedy}")]
+    #[error("the file is {kind}: {remedy}")]
     OtherKind {
         /// What it is.
         kind: &'static str,
@@ -48,7 +49,8 @@ pub enum CloudFileError {
     Organized(#[from] CloudError),
     /// The number of points does not agree with the size of the picture.
     #[error(
-        "the header counts {points} points for a picture of {width}×{height}; export it as an ordered cloud, one point for each pixel"
+        "the header states {points} points for a picture of {width}×{height}; export an ordered cloud, one point for \
+         each pixel"
     )]
     Count {
         /// Points counted.
@@ -60,8 +62,8 @@ pub enum CloudFileError {
     },
     /// More data than any camera delivers.
     #[error(
-        "the header states {points} points of {point_bytes} bytes (limits {limit_point_bytes} bytes a point, \
-         {limit_bytes} bytes in all); export the cloud with positions and colours alone"
+        "the header states {points} points of {point_bytes} bytes (limits {limit_point_bytes} bytes per point, \
+         {limit_bytes} bytes in total); export the cloud with positions and colours only"
     )]
     TooLarge {
         /// Points counted.
@@ -117,12 +119,13 @@ pub enum CloudFileError {
     },
     /// A list of points that does not state the width of its picture.
     #[error(
-        "neither the file nor a calibration states how wide and high its picture is: write the lines 'comment \
-         width W' and 'comment height H' into its header, or name a cell whose [calibration] has this scanner"
+        "neither the file nor a calibration states the width and height of the cloud's picture: write the lines \
+         'comment width W' and 'comment height H' into the file's header, or name a cell whose [calibration] has this \
+         scanner"
     )]
     NoSize,
     /// The cloud is not from the calibrated camera.
-    #[error("the cloud is {width}×{height}, the camera's calibration is for {width_px}×{height_px}")]
+    #[error("the cloud is {width}×{height} px, but the camera's calibration is for {width_px}×{height_px} px")]
     Size {
         /// Columns found.
         width: usize,
@@ -134,7 +137,7 @@ pub enum CloudFileError {
         height_px: usize,
     },
     /// Numbers in metres.
-    #[error("the points' depths go from {from} to {to}: these are metres; export the cloud in mm")]
+    #[error("the depths of the points are from {from} to {to}: these values are metres; export the cloud in mm")]
     Metres {
         /// Nearest depth.
         from: String,
@@ -143,8 +146,8 @@ pub enum CloudFileError {
     },
     /// The coordinates are in another unit.
     #[error(
-        "the points' depths go from {from} to {to}, and a 3D camera measures parts between 150 and 5000 mm: are these cm, inches or µm? Export \
-         the cloud in mm"
+        "the depths of the points are from {from} to {to}, but a 3D camera measures from 150 to 5000 mm: the unit is \
+         probably cm, inch or µm; export the cloud in mm"
     )]
     OtherUnit {
         /// Nearest depth.
@@ -154,8 +157,8 @@ pub enum CloudFileError {
     },
     /// Points behind the camera.
     #[error(
-        "most points lie behind the camera (z from {from} to {to} mm): the cloud has OpenGL's axes (y up, z backwards), or is in another \
-         frame; export it in the camera's own frame, with z ahead"
+        "most points are behind the camera (z from {from} to {to} mm): the cloud has OpenGL's axes (y up, z \
+         backwards), or is in another frame; export it in the camera's own frame, with z pointing forwards"
     )]
     Behind {
         /// Smallest z.
@@ -174,9 +177,9 @@ pub enum CloudFileError {
     },
     /// The points are those of another lens.
     #[error(
-        "half of the points lie {off_px} px or more from where this lens sees them: they lie on the rays of \
-         another lens, {own}, the calibration states {stated}; name the file of the camera that took this scan, or \
-         read its lens from the scan: panelprep calibrate intrinsics --from-scan"
+        "half of the points are {off_px} px or more from the pixels that the calibration predicts: they are on the \
+         rays of another lens ({own}; the calibration states {stated}). Name the calibration of the camera that took \
+         this scan, or compute it from the scan: panelprep calibrate intrinsics --from-scan"
     )]
     OtherLens {
         /// How far off the points are.
@@ -188,9 +191,9 @@ pub enum CloudFileError {
     },
     /// The points are not in a camera's frame.
     #[error(
-        "half of the points lie {off_px} px or more from their pixels, and no lens explains that: the cloud is in \
-         another frame (the robot's base?) or was smoothed or moved; export it in the camera's own frame, as it \
-         was taken"
+        "half of the points are {off_px} px or more from the rays of their pixels, and no lens explains the deviation: \
+         the cloud is in another frame (such as the robot's base), or was smoothed or moved. Export the unmodified \
+         cloud in the camera's own frame"
     )]
     OtherFrame {
         /// How far off the points are.
@@ -198,8 +201,8 @@ pub enum CloudFileError {
     },
     /// Points that do not lie on the rays of their pixels, although the others do.
     #[error(
-        "{points} points do not lie on the rays of their pixels, as all others do; the first is that of pixel \
-         ({column}, {row}): the file was changed after the camera took it; export or copy it once more"
+        "{points} points are not on the rays of their pixels, but all others are; the first of these points has the \
+         pixel ({column}, {row}): the file was changed after the scan. Export or copy the file again"
     )]
     OffRays {
         /// How many.

@@ -46,7 +46,7 @@ pub(super) fn check_kind(bytes: &[u8]) -> Result<(), CloudFileError> {
         );
     }
     if is_numbers(text) {
-        return other("a list of points (.xyz, .csv) that does not state the pixel of each point", ORDERED);
+        return other("a list of points (.xyz, .csv) without the pixel of each point", ORDERED);
     }
     Ok(())
 }

@@ -13,18 +13,18 @@ const CONVERT: &str = "convert it to STL with the CAD system, or with FreeCAD (o
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum MeshFileError {
     /// None of the forms that are read.
-    #[error("this is no STL, PLY or OBJ file; {CONVERT}")]
+    #[error("the file is not an STL, PLY or OBJ file; {CONVERT}")]
     NoMesh,
     /// A file of a CAD system, whose surfaces are no triangles.
-    #[error("this is {kind}, whose surfaces are formulas and no triangles: {CONVERT}")]
+    #[error("the file is {kind}, whose surfaces are formulas, not triangles: {CONVERT}")]
     Surfaces {
         /// What it is.
         kind: &'static str,
     },
     /// A binary STL file whose size is not what its header states.
     #[error(
-        "the header of this binary STL file states {triangles} triangles, {needed} bytes in all, and the file has {found} \
-         bytes: it is truncated, or not complete; export it again"
+        "the header of this binary STL file states {triangles} triangles, which need {needed} bytes, but the file has \
+         {found} bytes: the file is damaged or incomplete; export it again"
     )]
     StlSize {
         /// Triangles stated.
@@ -68,7 +68,7 @@ pub enum MeshFileError {
     },
     /// A face that is divided into triangles in several ways that differ.
     #[error(
-        "line {line}: the face of {corners} corners is not plane and convex; export the mesh with triangles alone"
+        "line {line}: the face of {corners} corners is not planar and convex; export the mesh with triangles only"
     )]
     NotConvex {
         /// Line, or number of the face in a binary file, from 1.
@@ -93,11 +93,12 @@ pub enum MeshFileError {
         found: String,
     },
     /// A mesh without triangles.
-    #[error("the file has no triangle: it holds points or curves alone; export the panel's body as a mesh")]
+    #[error("the file has no triangle: it contains only points or curves; export the panel's body as a mesh")]
     Empty,
     /// Too many triangles.
     #[error(
-        "the file has {found} triangles (limit {MAX_TRIANGLES}); export it with a larger deviation, 0.01 mm suffices"
+        "the file has {found} triangles (limit {MAX_TRIANGLES}); export the mesh with a larger deviation; 0.01 mm is \
+         sufficient"
     )]
     TooMany {
         /// Triangles found.

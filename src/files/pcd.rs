@@ -227,9 +227,9 @@ fn check_compressed(bytes: &[u8], start: usize, unpacked_needed: usize) -> Resul
     let unpacked = u32::from_le_bytes([u0, u1, u2, u3]) as usize;
     check_length(bytes, start + 8, packed)?;
     let problem = if unpacked != unpacked_needed {
-        format!("it states {unpacked} bytes, the points need {unpacked_needed}")
+        format!("the data state {unpacked} unpacked bytes, but the points need {unpacked_needed}")
     } else if unpacked > packed.saturating_mul(MAX_LZF_RATIO) {
-        format!("{packed} bytes cannot hold {unpacked}")
+        format!("{packed} packed bytes cannot contain {unpacked} unpacked bytes")
     } else {
         return Ok(());
     };
@@ -345,7 +345,7 @@ fn number_bits(word: &str, kind: ValueKind, name: &str) -> pcd_rs::Result<u32> {
     number.ok_or_else(|| pcd_rs::Error::InvalidArgumentError {
         desc: match (kind, is_color(name)) {
             (ValueKind::U32, _) => format!("{name} is '{word}'; valid: a whole number from 0 to 4294967295"),
-            (_, true) => format!("{name} is '{word}', which is no packed float; write {name} with TYPE U"),
+            (_, true) => format!("{name} is '{word}', which is not a packed float; write {name} with TYPE U"),
             (_, false) => format!("{name} is '{word}'; valid: a number or nan"),
         },
     })

@@ -32,7 +32,7 @@ const MAX_DECODER_BYTES: u64 = 128 << 20;
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum PictureError {
     /// Another kind of file.
-    #[error("this is not a readable picture: {found}; valid: PNG, JPEG and TIFF")]
+    #[error("the file is not a readable picture: {found}; valid: PNG, JPEG and TIFF")]
     Format {
         /// The kind of file that the first bytes indicate.
         found: String,
@@ -49,16 +49,16 @@ pub enum PictureError {
     },
     /// Damage in the file would not be detected, and a measurement depends on the picture.
     #[error(
-        "this is a {format} picture, and positions are measured in it: a {format} file has no checksum, so damaged \
-         pixels would shift the measurement unnoticed; take the picture again and let the camera's program save it \
-         as PNG (a converted JPEG does not regain what JPEG has lost)"
+        "positions are measured in this picture, but its format is {format}: a {format} file has no checksum, so \
+         damaged pixels would shift the measurement unnoticed. Take the picture again, and save it as PNG in the \
+         camera's program (converting a JPEG file does not restore its lost details)"
     )]
     Unchecked {
         /// JPEG or TIFF.
         format: &'static str,
     },
     /// The picture has more pixels than this program unpacks.
-    #[error("the picture is {width}×{height}, {pixels} pixels; at most {allowed} are unpacked")]
+    #[error("the picture is {width}×{height}, {pixels} pixels (limit {allowed} pixels)")]
     TooLarge {
         /// Columns.
         width: u32,
@@ -70,13 +70,13 @@ pub enum PictureError {
         allowed: u64,
     },
     /// Channels that cannot be used without a conversion.
-    #[error("the pixels are {found}; valid: 8 bits a channel, grey or RGB, opaque")]
+    #[error("the picture's pixels are {found}; valid: 8 bits per channel, grey or RGB, opaque")]
     Pixels {
         /// The format of the picture's channels.
         found: String,
     },
     /// The picture is not from the calibrated camera.
-    #[error("the picture is {width}×{height}, the camera's calibration is for {width_px}×{height_px}")]
+    #[error("the picture is {width}×{height} px, but the camera's calibration is for {width_px}×{height_px} px")]
     Size {
         /// Columns found.
         width: usize,
@@ -310,7 +310,7 @@ fn encode_png(
 fn fills(width: usize, height: usize, pixels: usize, format: &'static str) -> Result<(), PictureError> {
     match pixels != 0 && width.checked_mul(height) == Some(pixels) {
         true => Ok(()),
-        false => Err(unwritable(format, width, height, pixels, format!("{pixels} pixels do not fill it"))),
+        false => Err(unwritable(format, width, height, pixels, format!("{pixels} pixels do not match this size"))),
     }
 }
 

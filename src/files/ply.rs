@@ -128,7 +128,7 @@ fn read_text(
         }
         used += line.len();
         let refuse = |problem| CloudFileError::Point { line: header.lines + points_mm.len() + 1, problem };
-        let line = std::str::from_utf8(line).map_err(|_| refuse("this is no text".to_owned()))?;
+        let line = std::str::from_utf8(line).map_err(|_| refuse("the line is not UTF-8 text".to_owned()))?;
         let words: Vec<&str> = line.split_ascii_whitespace().collect();
         if words.len() != header.properties.len() {
             let (found, allowed) = (words.len(), header.properties.len());

@@ -87,7 +87,7 @@ fn named(cloud: &OrganizedCloud<Camera>, sample: &Sample, camera: &PinholeCamera
     } else if fits(&|pixel| Pixel::at(last_u - pixel.u, pixel.v)) {
         Some("the columns are mirrored")
     } else if fits(&|pixel| Pixel::at(last_u - pixel.u, last_v - pixel.v)) {
-        Some("the picture is turned by 180°")
+        Some("the picture is rotated by 180°")
     } else {
         None
     };

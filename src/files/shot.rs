@@ -51,7 +51,7 @@ mod tests {
         for file in [write_pcd(&cloud), write_ply(&cloud)] {
             assert_eq!(read_cloud(&file, &camera(3, 2)).expect("good").color_at(5), [9; 3]);
             let error = read_cloud(&file, &camera(2, 3)).expect_err("turned").to_string();
-            assert_eq!(error, "the cloud is 3×2, the camera's calibration is for 2×3");
+            assert_eq!(error, "the cloud is 3×2 px, but the camera's calibration is for 2×3 px");
         }
     }
 }

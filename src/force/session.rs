@@ -35,7 +35,7 @@ pub struct SessionLimits {
 #[serde(rename_all = "snake_case")]
 pub enum Loss {
     /// Nothing connects.
-    #[error("it cannot be connected: {problem}")]
+    #[error("the connection failed: {problem}")]
     Unreachable {
         /// The system's error.
         problem: String,
@@ -44,31 +44,31 @@ pub enum Loss {
     #[error("the connection was closed")]
     Closed,
     /// The tool refused the log-in.
-    #[error("it answered the log-in word with \"{found}\"; hold [tool] login against its settings")]
+    #[error("the tool replied to the log-in text with \"{found}\"; compare [tool] login with the tool's settings")]
     NotLoggedIn {
         /// Its answer.
         found: String,
     },
     /// The tool did not answer in time.
-    #[error("it has not answered for {ms} ms")]
+    #[error("the tool has not replied for {ms} ms")]
     Silent {
         /// How long, ms.
         ms: u64,
     },
     /// Its answer is not a reply.
-    #[error("its answer is not a reply: {problem}")]
+    #[error("the tool's reply is not valid: {problem}")]
     Garbage {
         /// Why.
         problem: String,
     },
     /// Another tool answered.
-    #[error("{problem}; hold [tool] id against its settings")]
+    #[error("{problem}; compare [tool] id with the tool's settings")]
     OtherId {
         /// Which.
         problem: String,
     },
     /// It sent data without a request.
-    #[error("it sent data without a request")]
+    #[error("the tool sent data without a request")]
     Unasked,
 }
 

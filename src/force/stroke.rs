@@ -39,12 +39,14 @@ pub fn check_stroke(stroke_mm: f64, press_in_mm: f64, errors_mm: [Option<f64>; 3
         Some(sum_mm) => {
             let [found, allowed] = apart(sum_mm, allowed_mm, 2);
             format!(
-                "by the errors of tool, surface and lines, and the press-in, the compliant tool may be {found} mm from the middle of its \
-                 stroke, a stroke of {} mm allows {allowed}; a smaller press_in_mm or chord_error_mm, or a better known tool, helps",
+                "the compliant tool may be {found} mm from the middle of its stroke, by the errors of tool, \
+                 surface and lines, and the press-in (limit {allowed} mm for a stroke of {} mm); use a smaller \
+                 press_in_mm or chord_error_mm, or calibrate the tool more accurately",
                 fixed(stroke_mm, 1)
             )
         }
-        None => "a compliant tool needs the error at the tool: state [limits] tool_error_mm in the cell's file".to_owned(),
+        None => "a compliant tool requires the error at the tool: state [limits] tool_error_mm in the cell's file"
+            .to_owned(),
     })
 }
 

@@ -109,16 +109,16 @@ impl ErrorBits {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum TelegramError {
     /// The reply has more bytes than any valid reply.
-    #[error("{bytes} bytes without an end, a reply has at most {MAX_REPLY_BYTES}")]
+    #[error("the reply has {bytes} bytes without an end, at most {MAX_REPLY_BYTES} are valid")]
     TooLong {
         /// How many came.
         bytes: usize,
     },
     /// Bytes that are not printable ASCII.
-    #[error("bytes that are no text")]
+    #[error("the reply contains bytes that are not text")]
     NotText,
     /// The reply has another number of fields.
-    #[error("{found} fields, a reply has five: id, force, position, contact, error")]
+    #[error("the reply has {found} fields instead of five: id, force, position, contact, error")]
     Fields {
         /// How many came.
         found: usize,
@@ -132,7 +132,7 @@ pub enum TelegramError {
         found: String,
     },
     /// The reply of another tool.
-    #[error("id {found} answered, but the request was for id {expected}")]
+    #[error("tool id {found} replied, but the request was for id {expected}")]
     OtherId {
         /// The number of the tool that answered.
         found: u32,
@@ -207,8 +207,11 @@ mod tests {
     #[test]
     fn what_is_no_reply_is_refused_with_what_it_is() {
         let says = |bytes: &[u8]| parse_reply(bytes, 7).expect_err("refused").to_string();
-        assert_eq!(says(b"7 1.0 2.0 1"), "4 fields, a reply has five: id, force, position, contact, error");
-        assert_eq!(says(b"8 1.0 2.0 1 0"), "id 8 answered, but the request was for id 7");
+        assert_eq!(
+            says(b"7 1.0 2.0 1"),
+            "the reply has 4 fields instead of five: id, force, position, contact, error"
+        );
+        assert_eq!(says(b"8 1.0 2.0 1 0"), "tool id 8 replied, but the request was for id 7");
         for (bytes, field) in [
             (&b"7 nan 2 1 0"[..], "force"),
             (b"7 inf 2 1 0", "force"),
@@ -220,7 +223,7 @@ mod tests {
         ] {
             assert!(says(bytes).starts_with(field), "{}", says(bytes));
         }
-        assert_eq!(says(b"7 1 2 1 \xc3\xa4"), "bytes that are no text");
+        assert_eq!(says(b"7 1 2 1 \xc3\xa4"), "the reply contains bytes that are not text");
         assert!(says(&[b'1'; 97]).starts_with("97 bytes without an end"));
     }
 

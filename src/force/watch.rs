@@ -88,8 +88,8 @@ impl Watch {
         if no_contact {
             let ms = limits.contact_within.as_millis();
             let words = format!(
-                "the compliant tool has reported no contact for {ms} ms while it presses; is the panel where it \
-                 was found, and does the tool move freely over its stroke?"
+                "the compliant tool has reported no contact for {ms} ms while it presses; check that the panel is \
+                 where it was found, and that the tool moves freely over its stroke"
             );
             return Some(Reason::new("no_contact", words));
         }
@@ -98,8 +98,9 @@ impl Watch {
         }
         if outside {
             let words = format!(
-                "the compliant tool is {} mm out, allowed in contact are {} to {} mm of its stroke of {} mm; look whether the panel \
-                 was moved, and touch a known target: `panelprep calibrate touch`",
+                "the compliant tool is extended by {} mm, but the limits in contact are {} to {} mm of its stroke \
+                 of {} mm; check whether the panel was moved, and touch a known target: `panelprep calibrate \
+                 touch`",
                 fixed(reading.position_mm, 1),
                 fixed(nearest_mm, 1),
                 fixed(farthest_mm, 1),
@@ -119,7 +120,8 @@ pub fn unready(reading: &Reading, stroke_mm: f64) -> Option<Reason> {
         return Some(of_errors(reading));
     }
     if reading.contact {
-        let words = "the compliant tool reports contact in the air; check what it touches, and its own settings";
+        let words = "the compliant tool reports contact in the air; check what the tool touches, and its own \
+                     settings";
         return Some(Reason::new("contact_in_air", words));
     }
     not_back(reading, stroke_mm)
@@ -127,7 +129,7 @@ pub fn unready(reading: &Reading, stroke_mm: f64) -> Option<Reason> {
 
 fn of_errors(reading: &Reading) -> Reason {
     let words = format!(
-        "the compliant tool reports: {}; check its controller, its air and its cable",
+        "the compliant tool reports: {}; check its controller, its compressed air and its cable",
         reading.errors.words()
     );
     Reason::new("tool_errors", words)
@@ -136,8 +138,8 @@ fn of_errors(reading: &Reading) -> Reason {
 fn of_force(contact_n: f64, expected: Expected, limits: &WatchLimits) -> Reason {
     let [low_n, high_n] = [expected.between_n[0] - limits.band_n, expected.between_n[1] + limits.band_n];
     let words = format!(
-        "the compliant tool pressed with {} N for {} ms, the limits are {} to {} N; check its air pressure and \
-         what hinders it, and measure its zero: `panelprep calibrate force`",
+        "the compliant tool pressed with {} N for {} ms (limits {} to {} N); check its air pressure and that it \
+         moves freely, and measure its zero: `panelprep calibrate force`",
         fixed(contact_n, 1),
         limits.band_within.as_millis(),
         fixed(low_n, 1),
@@ -150,8 +152,8 @@ fn not_back(reading: &Reading, stroke_mm: f64) -> Option<Reason> {
     let allowed_mm = BACK_SHARE * stroke_mm;
     let words = || {
         format!(
-            "the compliant tool is held back and is still {} mm out (limit {} mm); does it move freely, and does \
-             it have air?",
+            "the compliant tool is commanded to retract, but is still extended by {} mm (limit {} mm); check that \
+             it moves freely and has compressed air",
             fixed(reading.position_mm, 1),
             fixed(allowed_mm, 1)
         )

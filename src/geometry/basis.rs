@@ -22,15 +22,15 @@ pub type Local = [f64; MAX_DEGREE + 1];
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum KnotError {
     /// The degree is not supported.
-    #[error("degree {found}, the limits are 1 to {MAX_DEGREE}")]
+    #[error("the spline has degree {found}, valid: 1 to {MAX_DEGREE}")]
     Degree {
         /// The requested degree.
         found: usize,
     },
     /// The knots are not open, decrease, or contain an inner knot that is repeated too often.
     #[error(
-        "{} is no open knot vector of degree {degree}: finite, never falling, both ends repeated \
-         degree + 1 times, no other knot more than degree times",
+        "{} is not an open knot vector of degree {degree}: knots must be finite and must not decrease, both end \
+         knots must occur degree + 1 times, and no other knot more than degree times",
         list(knots)
     )]
     NotOpen {

@@ -16,8 +16,8 @@ pub enum Edge {
 /// The typed text is not a date.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[error(
-    "{found} is no date: write a day as 2026-05-31, or a day with a time as 2026-05-31T09:00, both in UTC, between the years \
-     1 and 9998"
+    "{found} is not a date: write a day as 2026-05-31, or a day and a time as 2026-05-31T09:00, both in UTC, years \
+     1 to 9998"
 )]
 pub struct DateError {
     found: String,

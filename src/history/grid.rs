@@ -36,9 +36,9 @@ impl GridPast {
             passes => format!(", abraded {passes} times"),
         };
         let end = match self.failed_at_end {
-            None => ", not seen at the end",
-            Some(false) => ", passed at the end",
-            Some(true) => ", failed at the end",
+            None => ", not seen in the last film",
+            Some(false) => ", passed in the last film",
+            Some(true) => ", failed in the last film",
         };
         format!("{first}{passes}{end}")
     }

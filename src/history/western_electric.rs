@@ -42,14 +42,14 @@ impl Rule {
     /// The rule in words, for a person.
     pub fn words(self) -> &'static str {
         match self {
-            Rule::OneBeyondThree => "one value is beyond 3 times the usual scatter",
+            Rule::OneBeyondThree => "one value is more than 3 standard deviations from the mean",
             Rule::TwoOfThreeBeyondTwo => {
-                "2 of 3 values in succession are beyond twice the usual scatter, on the same side"
+                "2 of 3 successive values are more than 2 standard deviations from the mean, on the same side"
             }
             Rule::FourOfFiveBeyondOne => {
-                "4 of 5 values in succession are beyond the usual scatter, on the same side"
+                "4 of 5 successive values are more than 1 standard deviation from the mean, on the same side"
             }
-            Rule::EightOnOneSide => "8 values in succession are on the same side of the mean",
+            Rule::EightOnOneSide => "8 successive values are on the same side of the mean",
         }
     }
 }
@@ -57,7 +57,7 @@ impl Rule {
 /// The side of the mean.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-#[expect(missing_docs, reason = "the sides are what they are called")]
+#[expect(missing_docs, reason = "the names explain themselves")]
 pub enum Side {
     Above,
     Below,

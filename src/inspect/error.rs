@@ -8,8 +8,8 @@ use crate::phase::Phase;
 pub enum InspectError {
     /// The picture is from another camera, or scaled.
     #[error(
-        "the picture has {found_width}×{found_height} px; the camera was calibrated for {width}×{height} px, and \
-         grids cannot be projected to another size"
+        "the picture has {found_width}×{found_height} px, but the camera was calibrated for {width}×{height} px, \
+         so the grids cannot be projected"
     )]
     PictureSize {
         /// Columns found.
@@ -23,11 +23,12 @@ pub enum InspectError {
     },
     /// No point of the region projects into the picture.
     #[error(
-        "the region lies outside of the picture at the panel's present pose; does the pose belong to this clip?"
+        "the region lies outside of the picture at the panel's present pose; check that the pose belongs to this \
+         clip"
     )]
     RegionNotInPicture,
     /// Pictures out of order.
-    #[error("a picture at {time_s} s follows one at {previous_s} s; times must increase")]
+    #[error("the picture at {time_s} s follows a picture at {previous_s} s; times must increase")]
     TimeOrder {
         /// The time of the picture, s.
         time_s: f64,
@@ -36,7 +37,8 @@ pub enum InspectError {
     },
     /// A phase occurred again after it had ended.
     #[error(
-        "the picture at {time_s} s is of phase {phase} after one of phase {previous}; the order is dry, spray, wet"
+        "the picture at {time_s} s is of phase {phase} but follows a picture of phase {previous}; the order is \
+         dry, spray, wet"
     )]
     PhaseOrder {
         /// The picture's time, s.
@@ -47,13 +49,13 @@ pub enum InspectError {
         previous: Phase,
     },
     /// The film has too many pictures.
-    #[error("the clip has more than {most} wet pictures; take fewer per second")]
+    #[error("the clip has more than {most} wet pictures; take fewer pictures per second")]
     TooManyPictures {
         /// Largest allowed number of pictures.
         most: usize,
     },
     /// A film that lasts too long.
-    #[error("the clip has wet pictures more than {most_s} s after the first one; end it sooner")]
+    #[error("the clip has wet pictures more than {most_s} s after the first one; end the clip sooner")]
     TooLong {
         /// Longest allowed duration, s.
         most_s: f64,

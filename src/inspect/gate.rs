@@ -89,8 +89,8 @@ impl Film<'_> {
             Check::new(name::DRY_PICTURE, "", f64::from(u8::from(has_dry))).at_least(1.0, SetBy::Program).rejects(
                 "no_dry_picture",
                 || {
-                    "there is no picture of the dry panel; without one a place that never became wet looks like \
-                     one that holds its film: take one before the spray and repeat the test"
+                    "there is no picture of the dry panel; without it, a place that never became wet looks like a \
+                     place with intact film: take a dry picture before the spray and repeat the test"
                         .to_owned()
                 },
             ),
@@ -147,29 +147,35 @@ impl Film<'_> {
         let light = || SetBy::recipe("inspect.max_light_change_percent");
         let pictures = || SetBy::recipe("process.frames_per_second");
         vec![
-            Check::new(name::FILM_CHANGE, "grey levels", change)
-                .at_least(min_change, SetBy::Program)
-                .rejects("dark", || {
+            Check::new(name::FILM_CHANGE, "grey levels", change).at_least(min_change, SetBy::Program).rejects(
+                "dark",
+                || {
                     let [change, needed] = apart(change.unwrap_or(f64::NAN), min_change, 1);
                     format!(
-                        "the film changes the panel by {change} grey levels; the limit is {needed}, six times the clip's noise: give \
-                         more light or a longer exposure, then repeat the test"
+                        "the film changes the panel by {change} grey levels, at least {needed} (six times the \
+                         clip's noise) are needed: use more light or a longer exposure, then repeat the test"
                     )
-                }),
+                },
+            ),
             Check::new("noise of a pixel of the film", "grey levels", observation.noise_levels),
-            Check::new(name::FIRST_SHARPNESS, "", sharpness)
-                .at_least(MIN_FIRST_SHARPNESS, SetBy::Program)
-                .rejects("focus", || {
+            Check::new(name::FIRST_SHARPNESS, "", sharpness).at_least(MIN_FIRST_SHARPNESS, SetBy::Program).rejects(
+                "focus",
+                || {
                     let [sharpness, needed] = apart(sharpness.unwrap_or(f64::NAN), MIN_FIRST_SHARPNESS, 2);
                     format!(
-                        "the panel's edge has {sharpness} of its contrast from one pixel to the next in the first \
-                         picture, at least {needed} are needed: focus the camera and repeat the test"
+                        "the panel's edge in the first picture is not sharp: {sharpness} of its contrast lies \
+                         between two neighbouring pixels, at least {needed} is needed; focus the camera and repeat \
+                         the test"
                     )
-                }),
+                },
+            ),
             Check::new("pictures that could be judged by", "", quality.usable as f64),
-            Check::new("time that they cover", "s", quality.usable_s)
-                .at_least(usable_s, SetBy::Program)
-                .broken(!is_enough, Severity::Reject, flaw.word(), words),
+            Check::new("time that they cover", "s", quality.usable_s).at_least(usable_s, SetBy::Program).broken(
+                !is_enough,
+                Severity::Reject,
+                flaw.word(),
+                words,
+            ),
             Check::new("longest time without one", "s", quality.longest_unseen_s)
                 .at_most(allowed_s, pictures())
                 .broken(is_unseen, Severity::Reject, flaw.word(), words),
@@ -186,8 +192,8 @@ impl Film<'_> {
         let what = shown(flaw, flawed.worst, self.observation, self.settings);
         let [unseen, allowed] = apart(quality.longest_unseen_s, allowed_s, 1);
         format!(
-            "{} of {frames} wet pictures cannot be used, the longest time without a usable one is {unseen} s \
-             (limit {allowed} s); in {} of them {what}: repeat the test",
+            "{} of {frames} wet pictures cannot be used, and the longest time without a usable picture is {unseen} \
+             s (limit {allowed} s); in {} of them {what}: repeat the test",
             frames - quality.usable,
             flawed.pictures
         )
@@ -204,16 +210,16 @@ impl Film<'_> {
                 .broken(is_dry_somewhere, Severity::Reject, "never_wet", || {
                     let [found, allowed] = apart(observation.never_wet_percent, allowed_percent, 1);
                     format!(
-                        "{found} % of the region was wet in no picture (limit {allowed} %): was the water on, does \
-                         the spray reach all of the panel? Repeat the test"
+                        "{found} % of the region was wet in no picture (limit {allowed} %): check that the water \
+                         is on and that the spray reaches all of the panel, then repeat the test"
                     )
                 }),
             Check::new(name::WET_GRIDS, "", wet.len() as f64).at_most(0.0, SetBy::Program).rejects(
                 "wet_when_dry",
                 || {
                     format!(
-                        "the dry picture shows places on {} that were already wet, so the test cannot judge them: \
-                         dry the panel and repeat the test",
+                        "in the dry picture, places on {} were already wet, so the test cannot judge them: dry the \
+                         panel and repeat the test",
                         wet.join(", ")
                     )
                 },
@@ -244,40 +250,40 @@ impl Film<'_> {
             "no_contrast",
             || {
                 format!(
-                    "on {} there are places where a break would not show, because the film looks like the dry \
-                     panel in every channel, or water never wetted them: move the lamp or the diffuser so that \
-                     they mirror something darker or brighter (`panelprep tune` shows which), and repeat the test",
+                    "on {} there are places where a break would not be visible, because the film looks like the \
+                     dry panel in every channel, or water never wetted them: move the lamp or the diffuser so that \
+                     these places reflect something darker or brighter (`panelprep tune` names the grids), and \
+                     repeat the test",
                     faint.join(", ")
                 )
             },
         );
-        let unseen =
-            Check::new(name::UNSEEN_GRIDS, "", unseen.len() as f64).at_most(0.0, SetBy::Program).rejects(
-                "not_seen",
-                || {
-                    let is_sanded = |grid: &&GridInspection| {
-                        grid.reference != Reference::DryAndWet && unseen.contains(&grid.id.to_string())
-                    };
-                    let still = match grids.iter().any(|grid| is_sanded(&grid)) {
-                        true => {
-                            "; on a place that was sanded since the dry picture no water was seen to move, or its film stayed \
-                             in doubt: give more water or light, or more pictures a second"
-                        }
-                        false => "",
-                    };
-                    format!(
-                        "not wholly seen: {}; move the panel into view, lower the exposure if it is too bright, or move the \
-                         lamp if a reflection does not move{still}",
-                        unseen.join(", ")
-                    )
-                },
-            );
+        let unseen = Check::new(name::UNSEEN_GRIDS, "", unseen.len() as f64).at_most(0.0, SetBy::Program).rejects(
+            "not_seen",
+            || {
+                let is_sanded = |grid: &&GridInspection| {
+                    grid.reference != Reference::DryAndWet && unseen.contains(&grid.id.to_string())
+                };
+                let still = match grids.iter().any(|grid| is_sanded(&grid)) {
+                    true => {
+                        "; on a place that was sanded since the dry picture, no moving water was seen, or the \
+                         state of its film stayed uncertain: use more water or light, or more pictures per second"
+                    }
+                    false => "",
+                };
+                format!(
+                    "grids not completely seen: {}; move the panel into view, lower the exposure if it is too \
+                     bright, or move the lamp if a reflection does not move{still}",
+                    unseen.join(", ")
+                )
+            },
+        );
         let masked = Check::new(name::MASKED_GRIDS, "", masked.len() as f64)
             .at_most(0.0, SetBy::recipe("inspect.masked_px"))
             .reviews("masked", || {
                 format!(
-                    "the recipe masks a part of {}, which therefore did not pass; inspect it by eye while the film \
-                     is watched",
+                    "the recipe masks a part of {}, so the grids named did not pass; inspect the masked parts by \
+                     eye during the film",
                     masked.join(", ")
                 )
             });

@@ -14,9 +14,10 @@ pub fn too_coarse(detection_limit_mm2: f64, min_break_mm2: f64) -> Option<Reason
     let is_fine = detection_limit_mm2 <= min_break_mm2;
     (!is_fine).then(|| {
         let message = format!(
-            "the smallest break that is surely found is {detection_limit_mm2:.1} mm², but a grid fails from {min_break_mm2:.1} \
-             mm² of broken film, and smaller breaks may be missed: bring the camera nearer, use all of its pixels, or state a \
-             min_break_mm2 in the recipe's [inspect] that is large enough, if the process allows it"
+            "the smallest break that is reliably detected is {detection_limit_mm2:.1} mm², but a grid fails from \
+             {min_break_mm2:.1} mm² of broken film, so smaller breaks may be missed: bring the camera nearer, use \
+             all of its pixels, or, if the process allows it, state a larger min_break_mm2 in the recipe's \
+             [inspect]"
         );
         Reason::new("detection_limit", message)
     })
@@ -27,20 +28,19 @@ pub fn elsewhere(off_px: Option<f64>, (assumed, has_dry): (bool, bool)) -> Optio
     let message = match off_px {
         Some(off_px) if off_px <= MAX_OFF_PX => return None,
         None if !assumed || !has_dry => return None,
-        None => "the panel is assumed to be in its nominal place, and the dry picture cannot confirm it, because \
+        None => "the panel is assumed to be in its nominal pose, but the dry picture cannot confirm it, because \
                  the panel's outline has too little contrast"
             .to_owned(),
         Some(off_px) => {
-            let taken =
-                if assumed { "its nominal place, where it is assumed to be" } else { "the place it was found" };
+            let taken = if assumed { "its assumed nominal position" } else { "its located position" };
             let [off, allowed] = apart(off_px, MAX_OFF_PX, 1);
             format!(
                 "in the dry picture the panel's outline lies {off} px or more from {taken} (limit {allowed} px), \
-                 and the wrong places would be judged"
+                 so the wrong areas would be judged"
             )
         }
     };
     let remedy =
-        if assumed { "give --located with the output of `panelprep locate`" } else { "locate the panel again" };
+        if assumed { "state --located with the output of `panelprep locate`" } else { "locate the panel again" };
     Some(Reason::new("elsewhere", format!("{message}: {remedy}")))
 }

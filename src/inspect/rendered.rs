@@ -230,7 +230,7 @@ fn a_panel_that_stands_elsewhere_is_no_test() {
         let reason = inspection.judgement.reasons.iter().find(|reason| reason.code == "elsewhere");
         let reason = reason.unwrap_or_else(|| panic!("{off_mm}: {:?}", inspection.judgement));
         assert_eq!(inspection.judgement.verdict, Verdict::Invalid);
-        assert_eq!(reason.message.contains("give --located"), assumed, "{reason:?}");
+        assert_eq!(reason.message.contains("state --located"), assumed, "{reason:?}");
     }
 }
 

@@ -194,7 +194,7 @@ impl Sanded<'_> {
     fn wide(&self, without: &[bool]) -> Result<Vec<bool>, ImagingError> {
         let hides = |i: usize| without[i] || !self.inside[i] || self.broke_s[i].is_finite();
         let bytes: Vec<u8> = (0..without.len()).map(|i| u8::from(hides(i))).collect();
-        let opened = named("opening the mask of unseen places", opened(self.window, &bytes))?;
+        let opened = named("the opening of the mask of unseen places", opened(self.window, &bytes))?;
         Ok(without.iter().zip(opened).map(|(without, opened)| *without && opened).collect())
     }
 

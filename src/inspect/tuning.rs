@@ -61,8 +61,8 @@ impl Tuning {
             .reviews("persist", || {
                 let [persist, longer] = apart(demands.persist_s, needed_s, 1);
                 format!(
-                    "places look dry for up to {} s and then wet again, and persist_s is {persist} s: at least \
-                     {longer} s are needed, or fewer reflections",
+                    "places look dry for up to {} s and then wet again, but persist_s is {persist} s (at least \
+                     {longer} s are needed): raise persist_s or remove reflections",
                     fixed(self.flash_s, 1)
                 )
             });
@@ -96,14 +96,14 @@ fn light(advice: &Advice) -> [Check; 2] {
             .broken(darkest < MIN_EVENNESS, Severity::Review, "uneven", || {
                 let [darkest, needed] = apart(darkest, MIN_EVENNESS, 2);
                 format!(
-                    "the darkest twentieth of the region has {darkest} of its mean light, at least {needed} are \
-                     needed: use a diffuser, or a lamp farther away"
+                    "the darkest 5 % of the region has only {darkest} of the region's mean brightness, at least \
+                     {needed} is needed: use a diffuser, or move the lamp farther away"
                 )
             }),
         Check::new("dry region that is overexposed", "", advice.overexposed)
             .at_most(MAX_OVEREXPOSED, SetBy::Program)
             .reviews("overexposed", || {
-                format!("{:.1} % of the dry region is overexposed: a shorter exposure", 100.0 * advice.overexposed)
+                format!("{:.1} % of the dry region is overexposed: lower the exposure", 100.0 * advice.overexposed)
             }),
     ]
 }
@@ -131,15 +131,15 @@ fn faint(grids: &[GridContrast]) -> Option<Check> {
         let named: Vec<String> =
             faint.iter().map(|grid| format!("{} ({:.0} %)", grid.id, grid.faint_percent)).collect();
         let remedy = if mean_dry < DARK_LEVELS {
-            "more light or a longer exposure"
+            "use more light or a longer exposure"
         } else {
-            "there the film mirrors something that makes it as bright as the dry panel: move the lamp or the \
-             diffuser aside, so that the panel mirrors something dark there, or use a diffuser so large that it \
-             mirrors nothing else"
+            "the film there reflects an object that makes it as bright as the dry panel: move the lamp or the \
+             diffuser aside, so that the panel reflects something dark there, or use a diffuser so large that the \
+             panel reflects nothing else"
         };
         format!(
-            "the film changes a part of {} by less than {MIN_CHANGE_TO_NOISE:.0} times the noise in every channel, and a break there \
-             would not show: {remedy}",
+            "the film changes a part of {} by less than {MIN_CHANGE_TO_NOISE:.0} times the noise in every channel, \
+             so a break there would not be visible: {remedy}",
             named.join(", ")
         )
     }))

@@ -117,7 +117,7 @@ impl Compiler<'_> {
         } else {
             format!("{}, line {line}", self.files[*file].name)
         };
-        self.problem(&routine.name, format!("a routine of this name is defined already: {place}"));
+        self.problem(&routine.name, format!("a routine of this name is already defined: {place}"));
     }
 
     fn compile_routines(&mut self) {
@@ -183,7 +183,7 @@ impl Compiler<'_> {
             let (type_name, items) = match &declaration.kind {
                 Declared::Variables { type_name, items, constant } => {
                     if declaration.global || *constant {
-                        let message = "GLOBAL and CONST belong into a data list, not into a routine";
+                        let message = "GLOBAL and CONST are valid only in a data list, not in a routine";
                         self.problem(&items[0].name, message);
                     }
                     (type_name, items)
@@ -219,7 +219,10 @@ impl Compiler<'_> {
             self.problem(&item.name, "this name is declared twice in the routine");
         }
         if item.value.is_some() {
-            self.problem(&item.name, "a local variable gets its first value by an assignment, not here");
+            self.problem(
+                &item.name,
+                "the declaration of a local variable must not contain a value; assign the value in a statement",
+            );
         }
         locals.push(LocalVariable { name: item.name.clone(), offset, by_reference: false });
     }

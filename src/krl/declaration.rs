@@ -93,7 +93,7 @@ fn struc(reader: &mut Reader<'_>) -> Read<Declared> {
             type_name = reader.name()?;
         }
         if type_name.is_empty() {
-            return Err(format!("a type is expected instead of {}", reader.found()).into());
+            return Err(format!("expected a type, found {}", reader.found()).into());
         }
         components.push((type_name.clone(), item(reader)?));
         if !reader.takes_sign(",") {
@@ -118,7 +118,7 @@ fn import(reader: &mut Reader<'_>) -> Read<Declared> {
     let type_name = reader.name()?;
     let name = reader.name()?;
     if !reader.skip_to_word("IS") {
-        return Err(format!("IS is expected instead of {}", reader.found()).into());
+        return Err(format!("expected IS, found {}", reader.found()).into());
     }
     reader.skip_line();
     Ok(Declared::Import { type_name, name })
@@ -126,7 +126,7 @@ fn import(reader: &mut Reader<'_>) -> Read<Declared> {
 
 fn item(reader: &mut Reader<'_>) -> Read<Item> {
     if matches!(reader.peek(), Some(Token::Sign("!"))) {
-        return Err(Unread::NotChecked("a name is still to be filled in ('!')".to_owned()));
+        return Err(Unread::NotChecked("a name is not filled in yet ('!')".to_owned()));
     }
     let name = reader.name()?;
     let dimensions = dimensions(reader)?;
@@ -139,6 +139,6 @@ fn dimensions(reader: &mut Reader<'_>) -> Read<Vec<Option<Expression>>> {
     let dimensions = if reader.takes_sign("[") { reader.list_until("]")? } else { Vec::new() };
     match dimensions.len() {
         0..=3 => Ok(dimensions),
-        _ => Err("an array has three dimensions at most".into()),
+        _ => Err("an array has at most three dimensions".into()),
     }
 }

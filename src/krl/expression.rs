@@ -83,23 +83,19 @@ impl<'a> Reader<'a> {
         if self.takes_sign(sign) {
             Ok(())
         } else {
-            Err(format!("'{sign}' is expected instead of {}", self.found()).into())
+            Err(format!("expected '{sign}', found {}", self.found()).into())
         }
     }
 
     pub(super) fn word(&mut self, word: &str) -> Read<()> {
-        if self.takes_word(word) {
-            Ok(())
-        } else {
-            Err(format!("{word} is expected instead of {}", self.found()).into())
-        }
+        if self.takes_word(word) { Ok(()) } else { Err(format!("expected {word}, found {}", self.found()).into()) }
     }
 
     pub(super) fn name(&mut self) -> Read<String> {
         let found = self.found();
         match self.next() {
             Some(Token::Name(name)) => Ok(name.clone()),
-            _ => Err(format!("a name is expected instead of {found}").into()),
+            _ => Err(format!("expected a name, found {found}").into()),
         }
     }
 
@@ -120,7 +116,7 @@ impl<'a> Reader<'a> {
     pub(super) fn end(&self) -> Read<()> {
         match self.peek() {
             None => Ok(()),
-            Some(_) => Err(format!("{} is left over at the end of the line", self.found()).into()),
+            Some(_) => Err(format!("expected the end of the line, found {}", self.found()).into()),
         }
     }
 
@@ -155,7 +151,7 @@ impl<'a> Reader<'a> {
     /// Reads one level deeper, if the limit allows.
     fn deeper<T>(&mut self, read: impl FnOnce(&mut Self) -> Read<T>) -> Read<T> {
         if self.depth >= EXPRESSION_DEPTH {
-            let message = format!("more than {EXPRESSION_DEPTH} brackets, braces or signs inside each other");
+            let message = format!("brackets, braces or signs are nested more than {EXPRESSION_DEPTH} levels deep");
             return Err(Unread::NotChecked(message));
         }
         self.depth += 1;
@@ -219,7 +215,7 @@ impl<'a> Reader<'a> {
             Token::Text(text) => Expression::Text(text.clone()),
             Token::Word(word) => Expression::Word(word.clone()),
             Token::Sign(_) | Token::Unreadable => {
-                return Err(format!("a value is expected instead of {}", self.found()).into());
+                return Err(format!("expected a value, found {}", self.found()).into());
             }
         };
         self.at += 1;

@@ -75,7 +75,7 @@ fn token(rest: &str) -> Result<(Token, usize), String> {
         }
         (first, _) => match SIGNS.iter().find(|sign| rest.starts_with(**sign)) {
             Some(sign) => Ok((Token::Sign(sign), sign.len())),
-            None => Err(format!("the character '{first}' has no meaning in KRL outside of a comment or a text")),
+            None => Err(format!("the character '{first}' is valid in KRL only in a comment or in a string")),
         },
     }
 }
@@ -90,20 +90,20 @@ fn word(rest: &str) -> Result<(Token, usize), String> {
     let blanks = behind.len() - behind.trim_start_matches([' ', '\t']).len();
     let length = name_length(&behind[blanks..]);
     if length == 0 {
-        return Err("the enumeration constant is missing behind '#'".to_owned());
+        return Err("the enumeration constant is missing after '#'".to_owned());
     }
     Ok((Token::Word(behind[blanks..blanks + length].to_uppercase()), 1 + blanks + length))
 }
 
 fn text(rest: &str) -> Result<(Token, usize), String> {
     let inside = rest[1..].split_once('"').map(|(inside, _)| inside);
-    let inside = inside.ok_or("a text in quotation marks does not end on its line")?;
+    let inside = inside.ok_or("the closing quotation mark of the string is missing on this line")?;
     Ok((Token::Text(inside.to_owned()), inside.len() + 2))
 }
 
 /// `'H1F'` and `'B101'`.
 fn based(rest: &str) -> Result<(Token, usize), String> {
-    let wrong = || "a number in apostrophes is written 'H1F' or 'B101'".to_owned();
+    let wrong = || "a number in apostrophes must be hexadecimal or binary, such as 'H1F' or 'B101'".to_owned();
     let inside = rest[1..].split_once('\'').map(|(inside, _)| inside).ok_or_else(wrong)?;
     let digits = inside.get(1..).ok_or_else(wrong)?;
     let base = match inside.as_bytes().first() {

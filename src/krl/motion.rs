@@ -42,7 +42,7 @@ pub(super) fn motion(reader: &mut Reader<'_>, first: &str) -> Option<Read<Action
 fn motion_of(reader: &mut Reader<'_>, word: &'static str, path: PathKind) -> Read<Action> {
     if reader.is_sign("!") {
         reader.skip_line();
-        return Err(Unread::NotChecked("the target is still to be taught ('!')".to_owned()));
+        return Err(Unread::NotChecked("the target of the motion is not taught yet ('!')".to_owned()));
     }
     let mut target = reader.expression()?;
     let mut auxiliary = None;
@@ -56,7 +56,7 @@ fn motion_of(reader: &mut Reader<'_>, word: &'static str, path: PathKind) -> Rea
     while reader.peek().is_some() && more(reader, &mut motion)? {}
     if word == "LIN" && motion.approximates.contains(&Approximation::Ptp) {
         return Err(Unread::NotChecked(
-            "LIN is approximated with C_DIS, C_VEL or C_ORI; C_PTP belongs to PTP".to_owned(),
+            "approximate a LIN motion with C_DIS, C_VEL or C_ORI; C_PTP is valid only for PTP".to_owned(),
         ));
     }
     Ok(Action::Motion(Box::new(motion)))
@@ -120,9 +120,7 @@ pub(super) fn spline_part(reader: &mut Reader<'_>, first: &str) -> Option<Read<A
 /// Reads `TIME_BLOCK PART=40`, `CONST_VEL START=5 ONSTART`.
 fn bounded(reader: &mut Reader<'_>, word: &'static str, kinds: &[&str]) -> Read<Action> {
     if !kinds.iter().any(|kind| reader.takes_word(kind)) {
-        return Err(
-            format!("{} is expected behind {word} instead of {}", kinds.join(" or "), reader.found()).into()
-        );
+        return Err(format!("expected {} after {word}, found {}", kinds.join(" or "), reader.found()).into());
     }
     let mut values = Vec::new();
     if reader.takes_sign("=") {
@@ -159,7 +157,7 @@ pub(super) fn interrupt(reader: &mut Reader<'_>, global: bool) -> Read<Action> {
         return Ok(Action::InterruptDeclaration { global, with_brake, number, condition, call });
     }
     if global || with_brake {
-        return Err(format!("DECL is expected behind INTERRUPT instead of {}", reader.found()).into());
+        return Err(format!("expected DECL after INTERRUPT, found {}", reader.found()).into());
     }
     let switches = [
         ("ON", InterruptSwitch::On),
@@ -169,9 +167,7 @@ pub(super) fn interrupt(reader: &mut Reader<'_>, global: bool) -> Read<Action> {
     ];
     let Some((_, how)) = switches.into_iter().find(|(word, _)| reader.takes_word(word)) else {
         let found = reader.found();
-        return Err(
-            format!("DECL, ON, OFF, ENABLE or DISABLE is expected behind INTERRUPT instead of {found}").into()
-        );
+        return Err(format!("expected DECL, ON, OFF, ENABLE or DISABLE after INTERRUPT, found {found}").into());
     };
     let number = if reader.peek().is_some() { Some(reader.expression()?) } else { None };
     Ok(Action::InterruptSwitch { how, number })
@@ -189,7 +185,7 @@ pub(super) fn trigger(reader: &mut Reader<'_>, line: usize) -> Read<Action> {
     } else {
         if !reader.takes_word("DISTANCE") {
             let found = reader.found();
-            return Err(format!("DISTANCE or PATH is expected behind TRIGGER WHEN instead of {found}").into());
+            return Err(format!("expected DISTANCE or PATH after TRIGGER WHEN, found {found}").into());
         }
         reader.sign("=")?;
         TriggerPlace::Distance(reader.expression()?)

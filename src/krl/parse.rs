@@ -96,7 +96,7 @@ impl Parser {
         if !self.lines.iter().any(opens_a_routine) {
             // The messages on its lines would hide the only one that helps: this is another kind of file.
             self.problems.clear();
-            self.problem(1, "", "the file has neither DEF nor DEFFCT nor DEFDAT: it is no KRL");
+            self.problem(1, "", "the file contains no DEF, DEFFCT or DEFDAT: it is not a KRL file");
             return;
         }
         while let Some(routine) = self.routine() {
@@ -115,16 +115,21 @@ impl Parser {
         let (line, name, module) = (first.line, first.name.clone(), &file.module);
         if !is_name(module) {
             // The file must have another name on the controller.
-            let message = format!("{module} is no name of KRL: a controller wants the file to be called {name}");
+            let message = format!(
+                "the file name {module} is not a valid KRL name: on a controller, the file must be named {name}"
+            );
             return self.warn(line, &name, message);
         }
         let message = match file.routines.iter().find(|routine| routine.name == *module) {
             Some(other) => format!(
-                "the first routine of a file has the file's name: put {module} (line {}) before this one",
+                "the first routine of a file must have the file's name: move {module} (line {}) before this routine",
                 other.line
             ),
             None => {
-                format!("the first routine of a file has the file's name: name it {module}, or rename the file")
+                format!(
+                    "the first routine of a file must have the file's name: name the routine {module}, or rename the \
+                     file"
+                )
             }
         };
         self.problem(line, &name, message);
@@ -183,7 +188,7 @@ impl Parser {
             return false;
         }
         if self.take_line().len() > 1 {
-            self.problem(line, word, format!("{word} is to be alone on its line"));
+            self.problem(line, word, format!("{word} must be alone on its line"));
         }
         true
     }
@@ -240,7 +245,7 @@ impl Parser {
             let lacking = self.lines.iter().skip(self.at).take_while(lacks).count();
             let goes_on = self.lines.get(self.at + lacking).is_some_and(|line| is_declaration(&line.tokens));
             for _ in 0..lacking * usize::from(in_data || goes_on) {
-                let message = "DECL is missing: KUKA's manual omits it only before simple types";
+                let message = "DECL is missing: by KUKA's manual, DECL is optional only before simple types";
                 if let Some((line, first)) = self.first_word() {
                     self.warn(line, &first, message.to_owned());
                 }
@@ -274,7 +279,7 @@ impl Parser {
             data.declarations.extend(self.declarations(true));
             let Some((line, first)) = self.first_word() else {
                 let line = self.ends_at;
-                self.problem(line, "", "the file ends before ENDDAT");
+                self.problem(line, "", "the file ends, but ENDDAT is missing");
                 return data;
             };
             let tokens = self.take_line();
@@ -287,7 +292,7 @@ impl Parser {
             }
         }
         if let Some((line, first)) = self.first_word() {
-            self.problem(line, &first, "nothing may follow ENDDAT");
+            self.problem(line, &first, "ENDDAT must be the last line of the file");
         }
         data
     }

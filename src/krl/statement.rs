@@ -24,11 +24,11 @@ const BLOCKS: [(&str, &str); 8] = [
 
 /// Keywords of other languages, each with the corresponding KRL keyword.
 const OF_OTHER_LANGUAGES: [(&str, &str); 5] = [
-    ("ELSEIF", "KRL has no ELSEIF: write ELSE, then an IF with an ENDIF of its own"),
-    ("ELSIF", "KRL has no ELSIF: write ELSE, then an IF with an ENDIF of its own"),
-    ("ENDFUNCTION", "a function ends with ENDFCT"),
-    ("FUNCTION", "a function begins with DEFFCT"),
-    ("BREAK", "a loop is left with EXIT"),
+    ("ELSEIF", "KRL has no ELSEIF: write ELSE, then an IF with its own ENDIF"),
+    ("ELSIF", "KRL has no ELSIF: write ELSE, then an IF with its own ENDIF"),
+    ("ENDFUNCTION", "KRL has no ENDFUNCTION: end a function with ENDFCT"),
+    ("FUNCTION", "KRL has no FUNCTION: begin a function with DEFFCT"),
+    ("BREAK", "KRL has no BREAK: leave a loop with EXIT"),
 ];
 
 impl Parser {
@@ -52,7 +52,7 @@ impl Parser {
         }
         if !is_closed {
             let line = self.last_line();
-            self.problem(line, "", format!("the file ends before {}", ends.join(" or ")));
+            self.problem(line, "", format!("the file ends, but {} is missing", ends.join(" or ")));
         }
         self.depth -= 1;
         found
@@ -63,7 +63,7 @@ impl Parser {
         if let Some((_, last)) = BLOCKS.iter().find(|(word, _)| *word == first).filter(|_| !is_assignment(&tokens))
         {
             if self.depth > BLOCK_DEPTH {
-                let unread = Unread::NotChecked(format!("more than {BLOCK_DEPTH} blocks inside each other"));
+                let unread = Unread::NotChecked(format!("blocks are nested more than {BLOCK_DEPTH} levels deep"));
                 self.report(line, &tokens, first, unread);
                 self.skip_block(last);
                 return Action::NotRead;
@@ -145,7 +145,7 @@ impl Parser {
         if let Some((line, first)) = self.first_word()
             && !ENDS.contains(&first.as_str())
         {
-            self.problem(line, &first, "behind SWITCH the next line must be CASE");
+            self.problem(line, &first, "the line after SWITCH must be CASE");
             self.block(&ENDS);
         }
         while let Some((line, first)) = self.first_word() {
@@ -159,7 +159,7 @@ impl Parser {
                 "DEFAULT" => {
                     self.next_line_is("DEFAULT");
                     if default.replace(self.block(&ENDS)).is_some() {
-                        self.problem(line, "DEFAULT", "there are two DEFAULT in one SWITCH");
+                        self.problem(line, "DEFAULT", "the SWITCH has more than one DEFAULT");
                     }
                 }
                 _ => {
@@ -293,10 +293,10 @@ fn simple(reader: &mut Reader<'_>, line: usize, first: &str) -> Read<Action> {
         "TRIGGER" => trigger(reader, line),
         "WAIT" if reader.takes_word("SEC") => Ok(Action::WaitSeconds(reader.expression()?)),
         "WAIT" if reader.takes_word("FOR") => Ok(Action::WaitFor(reader.expression()?)),
-        "WAIT" => Err(format!("SEC or FOR is expected behind WAIT instead of {}", reader.found()).into()),
-        "CASE" | "DEFAULT" => Err("no SWITCH is open that this line could belong to".into()),
+        "WAIT" => Err(format!("expected SEC or FOR after WAIT, found {}", reader.found()).into()),
+        "CASE" | "DEFAULT" => Err("CASE and DEFAULT are valid only inside a SWITCH".into()),
         "DECL" | "INT" | "REAL" | "BOOL" | "CHAR" | "STRUC" | "ENUM" | "EXT" | "EXTFCT" | "SIGNAL" => {
-            Err("a declaration is behind a statement; all declarations come first".into())
+            Err("a declaration follows a statement; move all declarations before the first statement".into())
         }
         _ => other(reader, first),
     }
@@ -308,7 +308,7 @@ fn other(reader: &mut Reader<'_>, first: &str) -> Read<Action> {
         return found;
     }
     if first == "ELSE" || BLOCKS.iter().any(|(_, last)| *last == first) {
-        return Err("no block is open that this line could belong to".into());
+        return Err("the line ends or continues a block, but no such block is open".into());
     }
     if let Some((_, instead)) = OF_OTHER_LANGUAGES.iter().find(|(word, _)| *word == first) {
         return Err((*instead).into());
@@ -316,9 +316,9 @@ fn other(reader: &mut Reader<'_>, first: &str) -> Read<Action> {
     let message = match reader.peek() {
         _ if NOT_READ.contains(&first) => format!("{first} is a KRL statement that this parser does not support"),
         None => {
-            return Err(format!("this is no statement of KRL; a call has brackets: {first}( )").into());
+            return Err(format!("the line is not a KRL statement; to call a routine, write {first}( )").into());
         }
-        Some(_) => format!("{first} does not begin a statement that is known here"),
+        Some(_) => format!("this parser supports no statement that begins with {first}"),
     };
     reader.skip_line();
     Err(Unread::NotChecked(message))

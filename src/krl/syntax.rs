@@ -30,7 +30,7 @@ impl File {
                 self.routines.iter().partition(|routine| routine.global || routine.name == self.module);
             let seen: Vec<&str> = seen.iter().map(|routine| routine.name.as_str()).collect();
             return format!(
-                "a program: routines that other files see: {}; {} more for itself",
+                "a program: routines visible to other files: {}; {} local routines",
                 list(seen),
                 hidden.len()
             );

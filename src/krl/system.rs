@@ -30,7 +30,7 @@ impl std::str::FromStr for Kss {
         let found = text.split_once('.').and_then(|(major, minor)| Some((number(major)?, number(minor)?)));
         match found {
             Some((8, minor @ 2..=7)) => Ok(Kss { major: 8, minor }),
-            _ => Err(format!("'{text}' is no version of KSS that is known here; allowed: 8.2 to 8.7")),
+            _ => Err(format!("'{text}' is not a supported KSS version; valid: 8.2 to 8.7")),
         }
     }
 }

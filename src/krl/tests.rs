@@ -78,51 +78,51 @@ fn what_an_integrator_writes_is_read() {
 fn each_slip_is_told_with_its_line() {
     for (statement, expected) in [
         ("I=", "10: I: a value is missing at the end of the line"),
-        ("I=1 2", "10: I: '2' is left over at the end of the line"),
-        ("GOTO X", "10: X: GOTO leads to a label of its own routine"),
+        ("I=1 2", "10: I: expected the end of the line, found '2'"),
+        ("GOTO X", "10: X: GOTO needs a label in the same routine"),
         ("X:\nI=2\nX:", "12: X: this label already exists: line 10"),
-        ("CIRC P.P", "10: CIRC: ',' is expected instead of the end of the line"),
-        ("MOVE ME", "10: MOVE: not checked: MOVE does not begin a statement"),
-        ("MOVE_ME", "10: MOVE_ME: this is no statement of KRL; a call has brackets"),
+        ("CIRC P.P", "10: CIRC: expected ',', found the end of the line"),
+        ("MOVE ME", "10: MOVE: not checked: this parser supports no statement that begins with MOVE"),
+        ("MOVE_ME", "10: MOVE_ME: the line is not a KRL statement; to call a routine, write"),
         ("I:=2", "10: I: KRL assigns with '='"),
-        ("IF B\nENDIF", "10: IF: THEN is expected instead of the end of the line"),
+        ("IF B\nENDIF", "10: IF: expected THEN, found the end of the line"),
         ("IF B THEN", "11: END: ELSE or ENDIF is missing before this line"),
-        ("ENDIF", "10: ENDIF: no block is open that this line could belong to"),
-        ("DECL INT LATE", "10: DECL: a declaration is behind a statement"),
-        ("SWITCH I\nI=2\nCASE 1\nENDSWITCH", "11: I: behind SWITCH the next line must be CASE"),
-        ("I=2 OR B", "10: OR: this does not go between INT and BOOL; in KRL comparisons bind weaker"),
-        ("B=I==1 AND B", "10: AND: this does not go between INT and BOOL"),
-        ("I=B", "10: I: INT is expected, BOOL is given"),
-        ("B=NOT I", "10: NOT: NOT does not go with INT"),
-        ("IF I THEN\nENDIF", "10: : a condition is BOOL; this is INT"),
-        ("I=UNKNOWN", "10: UNKNOWN: declared in none of the files named"),
-        ("NOWHERE( )", "10: NOWHERE: this routine is defined in none of the files named"),
-        ("I=$NO_SUCH", "10: $NO_SUCH: this system variable is not among those that are known here"),
-        ("$IN[3]=TRUE", "10: $IN: this is never written by a program"),
-        ("TEN=3", "10: TEN: this is never written by a program"),
-        ("I=LIST[0]", "10: LIST: the index 0 is outside of the array, 1 to 10"),
+        ("ENDIF", "10: ENDIF: the line ends or continues a block, but no such block is open"),
+        ("DECL INT LATE", "10: DECL: a declaration follows a statement"),
+        ("SWITCH I\nI=2\nCASE 1\nENDSWITCH", "11: I: the line after SWITCH must be CASE"),
+        ("I=2 OR B", "10: OR: this operator is not valid between INT and BOOL; in KRL, comparisons have a"),
+        ("B=I==1 AND B", "10: AND: this operator is not valid between INT and BOOL"),
+        ("I=B", "10: I: expected INT, found BOOL"),
+        ("B=NOT I", "10: NOT: the operator NOT is not valid for INT"),
+        ("IF I THEN\nENDIF", "10: : a condition must be BOOL, found INT"),
+        ("I=UNKNOWN", "10: UNKNOWN: this name is declared in none of the given files"),
+        ("NOWHERE( )", "10: NOWHERE: this routine is defined in none of the given files"),
+        ("I=$NO_SUCH", "10: $NO_SUCH: this program does not know this system variable"),
+        ("$IN[3]=TRUE", "10: $IN: a program cannot write this variable"),
+        ("TEN=3", "10: TEN: a program cannot write this variable"),
+        ("I=LIST[0]", "10: LIST: the index 0 is outside of the array (valid: 1 to 10)"),
         ("I=LIST[TEN+1]", "10: LIST: the index 11 is outside of the array"),
         ("FOR I=1 TO 11\nLIST[I]=0\nENDFOR", "11: LIST: the index 11 is outside of the array"),
-        ("I=LIST[1,2]", "10: LIST: 2 indices are given, the variable has 1"),
-        ("$FLAG[1025]=TRUE", "10: $FLAG: the index 1025 is outside of the array, 1 to 1024"),
-        ("I=P.Q", "10: P: POINT has no component Q; it has ID, N, R, P"),
+        ("I=LIST[1,2]", "10: LIST: found 2 indices, expected 1"),
+        ("$FLAG[1025]=TRUE", "10: $FLAG: the index 1025 is outside of the array (valid: 1 to 1024)"),
+        ("I=P.Q", "10: P: POINT has no component Q; its components are ID, N, R, P"),
         (
             "SHADE=#BLUE",
             "10: #BLUE: this is not a constant of the enumeration COLOUR; its constants are #RED, #GREEN",
         ),
-        ("P={ID 1,M 2}", "10: M: POINT has no component M; it has ID, N, R, P"),
-        ("I=SUM(1,R,2)", "10: SUM: 3 arguments are given, 2 are expected"),
-        ("BAS(#INITMOV,0,1)", "10: BAS: 3 arguments are given, 2 are expected"),
+        ("P={ID 1,M 2}", "10: M: POINT has no component M; its components are ID, N, R, P"),
+        ("I=SUM(1,R,2)", "10: SUM: found 3 arguments, expected 2"),
+        ("BAS(#INITMOV,0,1)", "10: BAS: found 3 arguments, expected 2"),
         ("I=SUM(1,2.0)", "10: Y: SUM needs a variable for this argument (:OUT)"),
-        ("I=SUM(1,I)", "10: I: a variable of type REAL is expected, this one is INT"),
-        ("I=SUM(B,R)", "10: X: INT is expected, BOOL is given"),
-        ("I=EKI_Open(\"C\")", "10: EKI_OPEN: returns an INT in EthernetKRL 6"),
-        ("R=EKI_Open(\"C\")", "10: R: REAL is expected, EKI_STATUS is given"),
-        ("RETURN 1", "10: RETURN: a DEF returns no value"),
-        ("EXIT", "10: EXIT: EXIT leaves a loop, and there is none around it"),
-        ("LIN I", "10: : INT is no target of this motion"),
-        ("LIN P.P C_PTP", "10: LIN: not checked: LIN is approximated with"),
-        ("WAIT 3", "10: WAIT: SEC or FOR is expected behind WAIT"),
+        ("I=SUM(1,I)", "10: I: expected a variable of type REAL, found INT"),
+        ("I=SUM(B,R)", "10: X: expected INT, found BOOL"),
+        ("I=EKI_Open(\"C\")", "10: EKI_OPEN: this function returns an INT only in EthernetKRL 6"),
+        ("R=EKI_Open(\"C\")", "10: R: expected REAL, found EKI_STATUS"),
+        ("RETURN 1", "10: RETURN: a DEF routine cannot return a value"),
+        ("EXIT", "10: EXIT: EXIT is valid only inside a loop"),
+        ("LIN I", "10: : INT is not a valid target for this motion"),
+        ("LIN P.P C_PTP", "10: LIN: not checked: approximate a LIN motion with"),
+        ("WAIT 3", "10: WAIT: expected SEC or FOR after WAIT"),
         ("TRIGGER WHEN DISTANCE=1 DELAY=0 DO A( )", "10: TRIGGER: a TRIGGER that calls a routine needs PRIO"),
         ("A_NAME_THAT_IS_FAR_TOO_LONG=1", "10: A_NAME_THAT_IS_FAR_TOO_LONG: declared in none"),
     ] {
@@ -142,19 +142,19 @@ fn what_a_routine_leaves_open_is_told() {
         ("DEF A( )\nDECL INT I\nI=EKI_GetInt(\"C\",\"T\",I)\nEND", "3: I: this local variable may be read"),
         (
             "DEF A( )\nEND\nDEFFCT INT F( )\nIF COUNT>0 THEN\nRETURN 1\nENDIF\nENDFCT",
-            "7: F: a way through this function may end",
+            "7: F: a path through this function may end",
         ),
         ("DEF A(X:IN)\nEND", "1: X: the parameter's type is not declared"),
         (
             "DEF A( )\nDECL INT THIS_NAME_IS_25_LETTERS_L\nEND",
             "2: THIS_NAME_IS_25_LETTERS_L: the name has 25 characters",
         ),
-        ("DEF A( )\nDECL INT WHILE\nEND", "2: WHILE: this is a word of KRL itself"),
+        ("DEF A( )\nDECL INT WHILE\nEND", "2: WHILE: the name is a reserved word of KRL"),
         ("DEF A( )\nDECL INT I\nDECL REAL I\nEND", "3: I: this name is declared twice"),
-        ("DEF A( )\nEND\nDEF A( )\nEND", "3: A: a routine of this name is defined already"),
-        ("DEF A( )\nDECL INT I[2,2,2,2]\nEND", "2: DECL: an array has three dimensions at most"),
-        ("DEF A( )\nI=1", "2: : the file ends before END"),
-        ("DEF A\nEND", "1: DEF: '(' is expected instead of the end of the line"),
+        ("DEF A( )\nEND\nDEF A( )\nEND", "3: A: a routine of this name is already defined"),
+        ("DEF A( )\nDECL INT I[2,2,2,2]\nEND", "2: DECL: an array has at most three dimensions"),
+        ("DEF A( )\nI=1", "2: : the file ends, but END"),
+        ("DEF A\nEND", "1: DEF: expected '(', found the end of the line"),
     ] {
         let told = reported_messages(program);
         assert!(told.iter().any(|told| told.starts_with(expected)), "{program}: {told:#?} instead of {expected}");
@@ -172,7 +172,7 @@ fn the_version_decides_which_system_variables_there_are() {
     let told =
         |kss: &str| analyse(std::slice::from_ref(&file), Some(kss.parse().expect("a version"))).problems.concat();
     assert_eq!(told("8.5"), []);
-    assert_eq!(told("8.4")[0].message, "KSS 8.4 has no such variable (from 8.5 on)");
+    assert_eq!(told("8.4")[0].message, "KSS 8.4 does not have this system variable (available from 8.5 on)");
     let Analysis { problems, warnings, .. } = analyse(std::slice::from_ref(&file), None);
     assert_eq!((problems.concat(), warnings.concat().len()), (vec![], 1), "which version it is for is not known");
     assert!("9.1".parse::<Kss>().is_err() && "8.1".parse::<Kss>().is_err() && "8".parse::<Kss>().is_err());
@@ -195,7 +195,7 @@ fn a_doubt_is_no_problem() {
             "7: I: this local variable may be r",
             "10: UNKNOWN: declared in none of t",
             "15: LIST: the index 11 is outside ",
-            "23: F: a way through this function"
+            "23: F: a path through this function"
         ]
     );
 }
@@ -231,13 +231,12 @@ fn a_name_is_known_where_it_is_declared() {
     let told: Vec<String> = analysis.warnings.concat().into_iter().map(|warning| warning.message).collect();
     assert_eq!(
         told,
-        [
-            "only the program that belongs to one.dat sees this; declare it GLOBAL in a PUBLIC list to make it visible to all programs"
-        ]
+        ["this name is visible only in the program of one.dat; to make it visible to all programs, declare it \
+             GLOBAL in a PUBLIC data list"]
     );
     let hidden = parse("four.src", "DEF FOUR( )\nDECL SIDE_T S\nS=#LEFT\nEND");
     let told = analyse(&[files[0].clone(), hidden], HIGHEST).warnings.concat();
-    assert!(told[0].message.starts_with("this type is declared for another module only"), "{told:?}");
+    assert!(told[0].message.starts_with("this type is visible only in another module"), "{told:?}");
     // Declared twice; the message states the place.
     let again = parse("three.dat", "DEFDAT THREE PUBLIC\nDECL GLOBAL INT TWO_N=2\nENDDAT\n");
     let [_, _, two, _] = files;

@@ -39,16 +39,18 @@ pub enum Problem {
     #[error("the name of the person who labels is missing")]
     NoAuthor,
     /// The author's name is not valid.
-    #[error("the name has {found} characters (limit {MAX_CHARACTERS}, no control characters)")]
+    #[error(
+        "the name is not valid: {found} characters (limit {MAX_CHARACTERS}; control characters are not permitted)"
+    )]
     BadAuthor {
         /// Characters in it.
         found: usize,
     },
     /// The statement neither contains a break nor states that the clip is clean.
-    #[error("no break is drawn: draw one, or state that the clip is clean")]
+    #[error("no break is drawn: draw the breaks, or mark the clip as clean")]
     NothingSaid,
     /// Both at once.
-    #[error("the clip is stated to be clean, but breaks are drawn ({found}): take one of the two back")]
+    #[error("the clip is marked as clean, but breaks are drawn ({found}): remove the mark or the breaks")]
     CleanWithBreaks {
         /// Breaks drawn.
         found: usize,
@@ -60,7 +62,7 @@ pub enum Problem {
         number: usize,
     },
     /// No point can lie inside of the shape.
-    #[error("break {number}, shape from {from_s} s: it has {found} corners, at least {MIN_CORNERS} are needed")]
+    #[error("break {number}, shape from {from_s} s: found {found} corners, at least {MIN_CORNERS} are needed")]
     TooFewCorners {
         /// Which break.
         number: usize,
@@ -105,7 +107,8 @@ pub enum Problem {
     },
     /// The break begins before there was a film that could break.
     #[error(
-        "break {number} begins at {from_s} s, before the first wet picture at {wet_from_s} s; a place that the water never covered begins with the first wet picture"
+        "break {number} begins at {from_s} s, before the first wet picture at {wet_from_s} s; let the break of a \
+         place that never became wet begin with the first wet picture"
     )]
     BeforeWet {
         /// Which break.
@@ -130,7 +133,7 @@ pub enum Problem {
     /// The time is later than `times.png` can represent.
     #[error(
         "break {number}: a shape begins {since_wet_s} s after the first wet picture (limit {MAX_SINCE_WET_S} s, \
-         the most that times.png can hold)"
+         the largest time that times.png can store)"
     )]
     TooLate {
         /// Which break.
@@ -140,7 +143,8 @@ pub enum Problem {
     },
     /// The shapes are not in the order of time.
     #[error(
-        "break {number}: a shape begins at {from_s} s, and the one before it at {before_s} s; each must begin later than the one before"
+        "break {number}: a shape begins at {from_s} s, but the previous shape begins at {before_s} s; each shape \
+         must begin later than the previous one"
     )]
     NotLater {
         /// Which break.
@@ -151,7 +155,10 @@ pub enum Problem {
         before_s: f64,
     },
     /// The break closes before its last shape begins.
-    #[error("break {number} closes again at {closes_s} s, which is not after its shape from {from_s} s")]
+    #[error(
+        "break {number} closes again at {closes_s} s, but its last shape begins at {from_s} s; the break must \
+         close later"
+    )]
     ClosesEarly {
         /// Which break.
         number: usize,

@@ -31,13 +31,13 @@ pub struct LabelFile {
 #[derive(Debug, thiserror::Error)]
 pub enum FormError {
     /// Another form.
-    #[error("its version is {found}; this program reads version {VERSION}")]
+    #[error("the label file has version {found}; this program reads version {VERSION}")]
     Version {
         /// The version in the file.
         found: u32,
     },
     /// No such object.
-    #[error("it holds no labels: {0}")]
+    #[error("the content is not a valid label file: {0}")]
     Syntax(#[from] serde_json::Error),
 }
 

@@ -76,11 +76,11 @@ fn what_cannot_be_is_named_with_its_break() {
             Statement { author: " ".to_owned(), ..of(vec![good()], None) },
             "the name of the person who labels is missing",
         ),
-        (Statement { author: "A\nB".to_owned(), ..of(vec![good()], None) }, "no control characters"),
+        (Statement { author: "A\nB".to_owned(), ..of(vec![good()], None) }, "control characters are not permitted"),
         (Statement { clean: false, ..statement(vec![]) }, "no break is drawn"),
-        (Statement { clean: true, ..of(vec![good()], None) }, "to be clean, but breaks are drawn (1)"),
+        (Statement { clean: true, ..of(vec![good()], None) }, "as clean, but breaks are drawn (1)"),
         (of(vec![], None), "break 1 has no shape"),
-        (of(vec![shape(4.0, &[[1.0, 1.0], [2.0, 2.0]])], None), "shape from 4 s: it has 2 corners, at least 3"),
+        (of(vec![shape(4.0, &[[1.0, 1.0], [2.0, 2.0]])], None), "shape from 4 s: found 2 corners, at least 3"),
         (
             of(vec![rectangle(4.0, [1.0, 1.0], [9.6, 4.0])], None),
             "corner 2 at (9.6, 1) px lies outside of the picture, which has 10×6",
@@ -100,8 +100,8 @@ fn what_cannot_be_is_named_with_its_break() {
             "it begins at 8.5 s, after the clip's last wet picture at 8 s",
         ),
         (of(vec![good(), rectangle(9.0, [1.0, 1.0], [4.0, 4.0])], None), "its last shape begins at 9 s"),
-        (of(vec![good(), good()], None), "a shape begins at 4 s, and the one before it at 4 s"),
-        (of(vec![good()], Some(4.0)), "closes again at 4 s, which is not after its shape from 4 s"),
+        (of(vec![good(), good()], None), "a shape begins at 4 s, but the previous shape begins at 4 s"),
+        (of(vec![good()], Some(4.0)), "closes again at 4 s, but its last shape begins at 4 s"),
         (of(vec![good()], Some(8.5)), "it closes again at 8.5 s, after the clip's last"),
     ];
     for (statement, words) in cases {
@@ -147,9 +147,9 @@ fn another_form_is_refused_with_its_line() {
     let refusal = |text: &str| read(text.as_bytes()).expect_err("refused").to_string();
     assert_eq!(
         refusal(&text.replace("\"version\": 1", "\"version\": 2")),
-        "its version is 2; this program reads version 1"
+        "the label file has version 2; this program reads version 1"
     );
     assert!(refusal(&text.replace("clean", "cleen")).contains("unknown field `cleen`"));
     assert!(refusal("{\"version\": 1").contains("at line 1"));
-    assert!(refusal("[]").contains("it holds no labels"));
+    assert!(refusal("[]").contains("the content is not a valid label file"));
 }

@@ -87,7 +87,7 @@ impl Weakest {
         match self {
             Weakest::Normal => "along the panel's normal",
             Weakest::Sideways => "sideways in the panel's plane",
-            Weakest::Turn => "turned in the panel's plane",
+            Weakest::Turn => "in rotation about the panel's normal",
         }
     }
 }

@@ -7,8 +7,8 @@ use crate::number_text::apart;
 pub enum LocateError {
     /// The search box is nearly empty.
     #[error(
-        "{found} places of the scan are in the search box, at least {needed} are needed; is the panel in the \
-             fixture?"
+        "the search box is nearly empty: it contains {found} blocks of scan points, at least {needed} are needed; \
+         check that the panel is in the fixture"
     )]
     EmptyBox {
         /// The number of scan places in the box.
@@ -18,8 +18,8 @@ pub enum LocateError {
     },
     /// There are objects in the box, but none of the panel's size.
     #[error(
-        "none of {pieces} objects in the search box has the panel's size: the most similar has {} mm², the panel \
-         has {} mm²; is the right panel in the fixture, and nothing in front of it?", apart(*area_mm2, *taught_area_mm2, 0)[0],
+        "none of {pieces} objects in the search box has the panel's size: the most similar object has {} mm², the \
+         panel has {} mm²; check that the right panel is in the fixture and that nothing is in front of it", apart(*area_mm2, *taught_area_mm2, 0)[0],
         apart(*area_mm2, *taught_area_mm2, 0)[1]
     )]
     NoPieceFits {
@@ -32,8 +32,8 @@ pub enum LocateError {
     },
     /// Surface and outline leave one direction unconstrained.
     #[error(
-        "surface and outline leave the panel free in a direction, with {surface} points on its surface and {outline} \
-         on its outline; scan it whole"
+        "the matched points do not determine the panel's pose in every direction: {surface} points on the surface \
+         and {outline} on the outline; scan the whole panel"
     )]
     Degenerate {
         /// The number of points matched on the surface.

@@ -91,17 +91,20 @@ fn panel(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
         let [absent, allowed] = percent_apart(fit.outline_absent, MAX_OUTLINE_ABSENT, 0);
         let [off, allowed_off] = apart(fit.outline_rms_px, MAX_OUTLINE_RMS_PX, 2);
         format!(
-            "{absent} % of the outline in view is not at its taught place (limit {allowed} %); the rest lies {off} \
-             px off (limit {allowed_off} px); is it the right panel, and does nothing touch its edge?"
+            "{absent} % of the visible outline is not at its taught position (limit {allowed} %); the rest is \
+             {off} px off (limit {allowed_off} px); check that it is the right panel and that nothing touches its \
+             edge"
         )
     };
-    let mut checks = vec![
+    let mut checks =
+        vec![
         Check::new("last step of the fit", "mm", fit.last_step_mm)
             .at_most(MAX_LAST_STEP_MM, SetBy::Program)
             .rejects(NOT_CONVERGED, || {
                 let (steps, step_mm) = (fit.iterations, fit.last_step_mm);
                 let [step, allowed] = apart(step_mm, MAX_LAST_STEP_MM, 4);
-                format!("the fit did not converge in {steps} iterations: last step {step} mm, limit {allowed} mm; scan again")
+                format!("the fit did not converge in {steps} iterations: last step {step} mm (limit {allowed} mm); \
+                         scan again")
             }),
         Check::new(name::RESIDUAL, "mm", fit.rms_mm)
             .at_most(limits.max_rms_mm(), SetBy::recipe("locate.max_rms_mm"))
@@ -109,7 +112,7 @@ fn panel(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
                 let [rms, allowed] = apart(fit.rms_mm, limits.max_rms_mm(), 3);
                 format!(
                     "the scan differs from the taught panel by {rms} mm rms, apart from any smooth bend (limit \
-                     {allowed} mm); is it the right panel, dry and clean, and does nothing lie on it?"
+                     {allowed} mm); check that it is the right panel, dry and clean, and that nothing is on it"
                 )
             }),
         Check::new("taught surface that is seen through", "", fit.seen_through)
@@ -117,8 +120,9 @@ fn panel(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
             .rejects("seen_through", || {
                 let [through, allowed] = percent_apart(fit.seen_through, MAX_SEEN_THROUGH, 1);
                 format!(
-                    "{through} % of the taught surface is seen through (limit {allowed} %): it is not there; is it \
-                     the right panel, with the taught side to the camera?"
+                    "at {through} % of the taught surface, the scan sees something behind it (limit {allowed} %), \
+                     so the panel is missing there; check that it is the right panel, with the taught side to the \
+                     camera"
                 )
             }),
         Check::new("outline in view that is elsewhere", "", fit.outline_absent)
@@ -145,12 +149,15 @@ fn bend(fit: &Fit, limits: &recipe::Surface) -> Check {
         Some(mm) => {
             let [mm, limit_mm] = apart(mm, limit_mm, 2);
             format!(
-                "the panel is bent by up to {mm} mm against the taught one, the limit is {limit_mm} mm; is it this panel, and is it clamped \
-                 as it was taught?"
+                "the panel is bent by up to {mm} mm relative to the taught panel (limit {limit_mm} mm); check that \
+                 it is the right panel, clamped as at teaching"
             )
         }
-        None => "too little of the panel's surface is seen to measure how far it is bent; uncover the panel, dry it, then scan again"
-            .to_owned(),
+        None => {
+            "too little of the panel's surface is visible to measure its bend; uncover the panel, dry it, then \
+             scan again"
+                .to_owned()
+        }
     })
 }
 
@@ -161,8 +168,9 @@ fn marks(found: f64) -> Check {
         .reviews("marks_differ", || {
             let [found, needed] = percent_apart(found, MIN_MARKS_FOUND, 0);
             format!(
-                "{found} % of the panel's marks in view are where the taught ones are, at least {needed} % are \
-                 needed; is it the right panel, this way up? If its marks were sanded off, teach it again"
+                "{found} % of the panel's visible marks are at their taught positions, at least {needed} % are \
+                 needed; check that it is the right panel, in the right orientation. If its marks were sanded off, \
+                 teach the panel again"
             )
         })
 }
@@ -176,8 +184,8 @@ fn picture(fit: &Fit) -> Vec<Check> {
             .reviews("points_missing", || {
                 let [gave, needed] = percent_apart(fit.measured, MIN_MEASURED, 0);
                 format!(
-                    "only {gave} % of the panel in view gave a point, at least {needed} % are needed; is it wet, \
-                     or does it mirror a lamp?"
+                    "only {gave} % of the visible panel has 3D points, at least {needed} % are needed; dry the \
+                     panel, or shade a lamp that it reflects"
                 )
             }),
         Check::new("edge wider than at teaching", "px", blur_px).at_most(MAX_BLUR_PX, SetBy::Program).reviews(
@@ -185,8 +193,8 @@ fn picture(fit: &Fit) -> Vec<Check> {
             || {
                 let [wider, allowed] = apart(blur_px.unwrap_or(0.0), MAX_BLUR_PX, 1);
                 format!(
-                    "the outline's edge is {wider} px wider than at teaching (limit {allowed} px); did the panel \
-                     move during the scan, is the lens clean and in focus?"
+                    "the outline's edge is {wider} px wider than at teaching (limit {allowed} px); check that the \
+                     panel does not move during the scan, and that the lens is clean and in focus"
                 )
             },
         ),
@@ -195,7 +203,8 @@ fn picture(fit: &Fit) -> Vec<Check> {
             || {
                 let [found, allowed] = percent_apart(fit.saturated, MAX_SATURATED, 0);
                 format!(
-                    "{found} % of the panel is overexposed (limit {allowed} %); lower the exposure, shade the lamp"
+                    "{found} % of the panel is overexposed (limit {allowed} %); lower the exposure or shade the \
+                     lamp"
                 )
             },
         ),
@@ -216,8 +225,8 @@ fn overlap(fit: &Fit, limits: &recipe::Locate) -> [Check; 2] {
         let [scan, scan_needed] = percent_apart(fit.scan_found, allowed, 0);
         format!(
             "{taught} % of the taught surface, {outline} % of its outline and {scan} % of the scanned surface \
-             match; at least {taught_needed}, {outline_needed} and {scan_needed} % are needed; is it the right \
-             panel, and is nothing in front of it?"
+             match; at least {taught_needed}, {outline_needed} and {scan_needed} % are needed; check that it is \
+             the right panel and that nothing is in front of it"
         )
     };
     let set_by = || SetBy::recipe("locate.min_overlap");
@@ -247,9 +256,9 @@ pub fn checks_at_teaching(seen: &OutlineSeen, fit: Option<&Fit>) -> Vec<Check> {
         .reviews("outline_unseen", || {
             let [seen, needed] = percent_apart(share, MIN_OUTLINE_SEEN, 0);
             format!(
-                "the scan shows {seen} % of the panel's outline, at least {needed} % are needed: nothing else \
-                 locates a flat panel sideways; give the panel a background of another brightness, or scan again \
-                 with fewer missing points at its edge"
+                "the scan shows {seen} % of the panel's outline, at least {needed} % are needed: only the outline \
+                 determines the sideways position of a flat panel; give the panel a background of another \
+                 brightness, or scan again with fewer missing points at its edge"
             )
         });
     std::iter::once(outline).chain(fit.map(camera::at_teaching)).collect()

@@ -55,8 +55,8 @@ pub enum RefineError {
     NoView,
     /// The corner is not in front of the camera.
     #[error(
-        "from the flange pose of its picture corner {corner} would be {depth_mm:.0} mm before the camera; is that pose \
-         the picture's?"
+        "according to the flange pose of its picture, corner {corner} has a depth of {depth_mm:.0} mm from the \
+         camera and is not in its view; check that the flange pose belongs to this picture"
     )]
     NotInView {
         /// Number of the taught corner, from 1.

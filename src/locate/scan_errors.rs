@@ -54,12 +54,13 @@ impl RangeErrors {
             true => {
                 let between = fixed(100.0 * self.scale_between_scans, 3);
                 format!(
-                    "measured: {smooth_mm} mm a scan, alike over {over_mm} mm; distances off by {scale} %, {between} % from scan to scan"
+                    "measured: smooth error of a scan {smooth_mm} mm, correlation length {over_mm} mm; scale error \
+                     {scale} %, variation of the scale from scan to scan {between} %"
                 )
             }
             false => format!(
-                "not measured, assumed as {smooth_mm} mm a scan, alike over {over_mm} mm; distances off by {scale} \
-                 %"
+                "not measured, assumed: smooth error of a scan {smooth_mm} mm, correlation length {over_mm} mm; \
+                 scale error {scale} %"
             ),
         }
     }

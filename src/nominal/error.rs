@@ -27,7 +27,7 @@ pub enum NominalError {
         size: [f64; 3],
     },
     /// The file and the caller state different units.
-    #[error("the file states the unit {}, but --unit is {}; leave --unit out, or correct the file's comment", stated.word(), given.word())]
+    #[error("the file states the unit {}, but --unit is {}; omit --unit, or correct the unit in the file's comment", stated.word(), given.word())]
     OtherUnit {
         /// The file's unit.
         stated: LengthUnit,
@@ -36,8 +36,8 @@ pub enum NominalError {
     },
     /// A drawing that is larger than any panel, or far from its own origin.
     #[error(
-        "the drawing is {} mm, and reaches {} mm from its origin (limits {} mm and {} mm): is --unit right? Otherwise export the panel alone, in \
-         its own frame", size(*size_mm), fixed(*reach_mm, 0), fixed(*limit_mm, 0), fixed(*reach_limit_mm, 0)
+        "the size of the drawing is {} mm, and it extends {} mm from its origin (limits {} mm and {} mm): check \
+         --unit, or export the panel alone, in its own frame", size(*size_mm), fixed(*reach_mm, 0), fixed(*limit_mm, 0), fixed(*reach_limit_mm, 0)
     )]
     TooLarge {
         /// The sides of its box, mm.
@@ -57,7 +57,8 @@ pub enum NominalError {
     },
     /// All triangles are smaller than the distance within which vertices are joined.
     #[error(
-        "the drawing is {} mm, and all its triangles are smaller than {} mm, within which vertices are joined: is --unit right?",
+        "the size of the drawing is {} mm, and all its triangles are smaller than {} mm, the distance within which \
+         vertices are joined: check --unit",
         size(*size_mm), fixed(*weld_mm, 3)
     )]
     NothingLeft {
@@ -114,8 +115,8 @@ pub enum NominalError {
     },
     /// The drawing does not lie where the panel is searched.
     #[error(
-        "the drawing at its nominal place lies from {} to {} mm in the robot's base, and the search box in [locate] from {} to {} mm; check the unit, \
-         [nominal], and the box", place(*min_mm), place(*max_mm), place(*from_mm), place(*to_mm)
+        "the drawing at its nominal pose lies from {} to {} mm in the robot's base, but the search box in [locate] \
+         from {} to {} mm; check the unit, [nominal], and the box", place(*min_mm), place(*max_mm), place(*from_mm), place(*to_mm)
     )]
     ElsewhereThanTheBox {
         /// Low corner of the drawing's box in the base, mm.
@@ -129,8 +130,8 @@ pub enum NominalError {
     },
     /// No ray meets the drawing.
     #[error(
-        "the 3D camera does not see the drawing at its nominal place: its box lies from {} to {} mm in the robot's base; check the unit and \
-         [nominal] base_from_drawing or its datum points", place(*min_mm), place(*max_mm)
+        "the 3D camera does not see the drawing at its nominal pose: its bounding box lies from {} to {} mm in the \
+         robot's base; check the unit and [nominal] base_from_drawing or its datum points", place(*min_mm), place(*max_mm)
     )]
     NotSeen {
         /// Low corner of the drawing's box in the base, mm.
@@ -139,7 +140,7 @@ pub enum NominalError {
         max_mm: [f64; 3],
     },
     /// The lens has no ray for a pixel.
-    #[error("the lens of the camera has no ray for the pixel ({u}, {v}); calibrate it again")]
+    #[error("the camera's lens calibration has no ray for the pixel ({u}, {v}); calibrate the lens again")]
     NoRay {
         /// Column, px.
         u: usize,

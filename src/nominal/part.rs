@@ -259,7 +259,7 @@ mod tests {
             .expect_err("2e12 mm")
             .to_string();
         assert!(
-            words.contains("reaches 2000000000000 mm from its origin (limits 20000 mm and 200000 mm)"),
+            words.contains("extends 2000000000000 mm from its origin (limits 20000 mm and 200000 mm)"),
             "{words}"
         );
         let inches = choose(OBJ, Some(LengthUnit::Inch), Some("skin")).expect("a part");

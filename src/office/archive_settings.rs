@@ -101,7 +101,7 @@ fn parse_fleet(folder: &Path, section: &Section<'_, '_>) -> Option<Option<FleetP
     section.done();
     let (listen, certificate, key) = (listen?, certificate?, key?);
     if certificate.is_some() != key.is_some() {
-        section.problem("certificate", "certificate and certificate_key belong together");
+        section.problem("certificate", "certificate and certificate_key must be set together");
         return None;
     }
     let Some(text) = listen else {

@@ -98,7 +98,7 @@ impl<R> Assembly<R> {
         if let ChunkOwner::File(stated) = &key.1 {
             let found = content_hash(&bytes);
             if found != *stated {
-                let problem = format!("its SHA-256 is {found}, it was named {stated}");
+                let problem = format!("the SHA-256 of the file is {found}, but its name states {stated}");
                 return Err(Unfit { error: OfficeError::form("file", problem), receipts });
             }
         }

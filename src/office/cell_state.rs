@@ -74,7 +74,10 @@ impl CellState {
         }
         let state: CellState = serde_json::from_slice(bytes).map_err(|error| wrong(error.to_string()))?;
         if state.form != FORM {
-            return Err(wrong(format!("its form is \"{}\", known is \"{FORM}\"", state.form.escape_debug())));
+            return Err(wrong(format!(
+                "the field \"form\" is \"{}\", expected \"{FORM}\"",
+                state.form.escape_debug()
+            )));
         }
         Ok((CellName::new(&state.cell).map_err(wrong)?, state))
     }

@@ -105,10 +105,13 @@ impl Chunk {
     pub fn read(bytes: &[u8]) -> Result<Self, OfficeError> {
         let wrong = |problem: String| OfficeError::form("line of a part", problem);
         let end = bytes.iter().take(HEAD_BYTES).position(|byte| *byte == b'\n');
-        let end = end.ok_or_else(|| wrong("it does not end".to_owned()))?;
+        let end = end.ok_or_else(|| wrong("the line end is missing".to_owned()))?;
         let head: Head = serde_json::from_slice(&bytes[..end]).map_err(|error| wrong(error.to_string()))?;
         if head.form != FORM {
-            return Err(wrong(format!("its form is \"{}\", known is \"{FORM}\"", head.form.escape_debug())));
+            return Err(wrong(format!(
+                "the field \"form\" is \"{}\", expected \"{FORM}\"",
+                head.form.escape_debug()
+            )));
         }
         let what = match (head.position, head.file) {
             (Some(position), None) => {
@@ -119,7 +122,7 @@ impl Chunk {
                 is_hash(&hash).map_err(wrong)?;
                 ChunkOwner::File(hash)
             }
-            _ => return Err(wrong("it is of a message or of a file, never of both or of none".to_owned())),
+            _ => return Err(wrong("the part must belong either to a message or to a file".to_owned())),
         };
         if !(1..=MAX_PARTS).contains(&head.parts) || !(1..=head.parts).contains(&head.part) {
             return Err(wrong(format!("part {} of {}; the limits are 1 to {MAX_PARTS}", head.part, head.parts)));
@@ -138,6 +141,6 @@ impl Chunk {
 fn is_hash(hash: &str) -> Result<(), String> {
     match is_hex(hash, 64) {
         true => Ok(()),
-        false => Err(format!("the file is \"{}\", valid: a SHA-256", hash.escape_debug())),
+        false => Err(format!("the file name is \"{}\", valid: a SHA-256", hash.escape_debug())),
     }
 }

@@ -27,7 +27,7 @@ pub fn compare(cell: &[Listed], office: &[Listed]) -> Compared {
         match office.remove(&position) {
             Some(found) if found == line => compared.same += 1,
             Some(found) => other.push(format!(
-                "{} differs: the cell has a {} with the SHA-256 {}, the office a {} with {}",
+                "{} differs: the cell has a {} with the SHA-256 {}, the office has a {} with {}",
                 named(&position),
                 line.kind.word(),
                 line.hash,
@@ -37,7 +37,7 @@ pub fn compare(cell: &[Listed], office: &[Listed]) -> Compared {
             None => missing.push(format!("{} is not in the office yet: {}", named(&position), line.kind.word())),
         }
     }
-    let more = office.keys().map(|position| format!("{} is in the office and not in the cell", named(position)));
+    let more = office.keys().map(|position| format!("{} is in the office, but not in the cell", named(position)));
     let more: Vec<String> = more.collect();
     for (mut words, of_all) in
         [(other, "differ"), (missing, "are not in the office"), (more, "are not in the cell")]

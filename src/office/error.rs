@@ -12,7 +12,7 @@ pub enum OfficeError {
         problem: String,
     },
     /// The content does not have the hash that the head states.
-    #[error("the content of number {number} has the SHA-256 {found}, its head states {stated}")]
+    #[error("the content of record {number} has the SHA-256 {found}, but its head states {stated}")]
     Hash {
         /// Its number.
         number: u64,
@@ -22,7 +22,7 @@ pub enum OfficeError {
         stated: String,
     },
     /// The message is larger than any that a cell sends.
-    #[error("it has {found} (limit {allowed})")]
+    #[error("the message has {found} (limit {allowed})")]
     Large {
         /// The size found, such as "5000 parts".
         found: String,
@@ -30,7 +30,7 @@ pub enum OfficeError {
         allowed: String,
     },
     /// The parts of one item state different numbers of parts.
-    #[error("part {part} states {found} parts, another part stated {before}")]
+    #[error("part {part} states a total of {found} parts, but another part stated {before}")]
     Parts {
         /// Which part.
         part: u32,
@@ -40,7 +40,7 @@ pub enum OfficeError {
         before: u32,
     },
     /// The key does not verify the signature, or the statement is not valid.
-    #[error("number {number} is not what its cell signed: {problem}")]
+    #[error("record {number} does not match the signature of its cell: {problem}")]
     Signature {
         /// Its number.
         number: u64,

@@ -79,11 +79,14 @@ impl Message {
     /// If one of these conditions is not met.
     pub fn read(bytes: &[u8]) -> Result<Self, OfficeError> {
         let end = bytes.iter().take(HEAD_BYTES).position(|byte| *byte == b'\n');
-        let Some(end) = end else { return Err(OfficeError::form("head of a message", "its line does not end")) };
+        let Some(end) = end else { return Err(OfficeError::form("head of a message", "the line end is missing")) };
         let head = |problem: String| OfficeError::form("head of a message", problem);
         let read: Head = serde_json::from_slice(&bytes[..end]).map_err(|error| head(error.to_string()))?;
         if read.form != FORM {
-            return Err(head(format!("its form is \"{}\", known is \"{FORM}\"", read.form.escape_debug())));
+            return Err(head(format!(
+                "the field \"form\" is \"{}\", expected \"{FORM}\"",
+                read.form.escape_debug()
+            )));
         }
         let cell = CellName::new(&read.cell).map_err(head)?;
         let position = position(&read).map_err(head)?;
@@ -102,7 +105,9 @@ impl Message {
                 Body::Verification(content)
             }
             (Kind::Signature, Some(signed)) => signature(content, signed, read.number)?,
-            (kind, _) => return Err(head(format!("a {} with or without a signature", kind.word()))),
+            (kind, _) => {
+                return Err(head(format!("the signature of a {} is missing or not permitted", kind.word())));
+            }
         };
         Ok(Message { cell, envelope: Envelope { position, unix_ms: read.unix_ms, body } })
     }
@@ -115,7 +120,7 @@ fn content_of<T: serde::de::DeserializeOwned>(content: &[u8], what: &'static str
 fn position(head: &Head) -> Result<Position, String> {
     is_epoch(&head.epoch)?;
     if head.number == 0 || i64::try_from(head.number).is_err() {
-        return Err(format!("number {}; numbers begin with 1", head.number));
+        return Err(format!("the record number is {}, valid: 1 or larger", head.number));
     }
     Ok(Position { epoch: head.epoch.clone(), number: head.number })
 }
@@ -131,14 +136,14 @@ pub(super) fn is_epoch(epoch: &str) -> Result<(), String> {
 fn signature(statement: Vec<u8>, head: SignedHead, number: u64) -> Result<Body, OfficeError> {
     let wrong = |problem: String| OfficeError::Signature { number, problem };
     let signature =
-        unhex(&head.signature).ok_or_else(|| wrong("its signature is no hexadecimal number".to_owned()))?;
+        unhex(&head.signature).ok_or_else(|| wrong("the signature is not a hexadecimal text".to_owned()))?;
     let key = PublicKey::of_hex(&head.public_key).map_err(|error| wrong(error.to_string()))?;
     let names = Statement::read(&statement).map_err(|error| wrong(error.to_string()))?.public_key;
     if names != head.public_key || !key.verifies(&statement, &signature) {
-        return Err(wrong(format!("the signature is not one of these bytes by the key {}", head.public_key)));
+        return Err(wrong(format!("the signature does not match the content and the key {}", head.public_key)));
     }
     if let Some(file) = head.files.iter().find(|file| !is_hex(&file.hash, 64)) {
-        return Err(wrong(format!("the file {} is named by no SHA-256", file.name.escape_debug())));
+        return Err(wrong(format!("the file {} has no valid SHA-256", file.name.escape_debug())));
     }
     Ok(Body::Signature { statement, signature, public_key: head.public_key, files: head.files })
 }

@@ -78,7 +78,10 @@ impl RecipeOffer {
         let wrong = |problem: String| OfficeError::form("offer of a recipe", problem);
         let offer: RecipeOffer = serde_json::from_slice(bytes).map_err(|error| wrong(error.to_string()))?;
         if offer.form != FORM {
-            return Err(wrong(format!("its form is \"{}\", known is \"{FORM}\"", offer.form.escape_debug())));
+            return Err(wrong(format!(
+                "the field \"form\" is \"{}\", expected \"{FORM}\"",
+                offer.form.escape_debug()
+            )));
         }
         offer.checked()
     }

@@ -88,7 +88,9 @@ fn a_statement_that_somebody_else_wrote_is_refused() {
     let forged = Message { envelope: Envelope { body, ..message.envelope }, ..message };
     let refused = Message::read(&forged.bytes().expect("bytes")).expect_err("refused").to_string();
     assert!(
-        refused.starts_with("number 2 is not what its cell signed: the signature is not one of these bytes"),
+        refused.starts_with(
+            "record 2 does not match the signature of its cell: the signature does not match the content"
+        ),
         "{refused}"
     );
 }
@@ -122,7 +124,7 @@ fn parts_that_contradict_one_another_are_refused_and_forgotten() {
     assert_eq!(assembly.add(part(1, 3), "third"), Ok(None), "it begins anew");
     let wrong = Chunk { what: ChunkOwner::File("ab".repeat(32)), ..part(1, 1) };
     let unfit = assembly.add(wrong, "file").expect_err("another content");
-    assert!(unfit.error.to_string().contains("it was named abab") && unfit.receipts == ["file"]);
+    assert!(unfit.error.to_string().contains("its name states abab") && unfit.receipts == ["file"]);
 }
 
 #[test]
@@ -130,16 +132,16 @@ fn what_is_no_part_is_refused_with_what_is_allowed() {
     let head = |what: &str| format!("{{\"form\":\"panelprep-part-1\",\"cell\":\"cell-1\",{what}}}\nx");
     let file = "ab".repeat(32);
     for (bytes, problem) in [
-        (String::new(), "it does not end"),
+        (String::new(), "the line end is missing"),
         (head("\"file\":\"../etc/passwd\",\"part\":1,\"parts\":1"), "valid: a SHA-256"),
         (head(&format!("\"file\":\"{file}\",\"part\":2,\"parts\":1")), "part 2 of 1; the limits are 1 to 4096"),
         (head(&format!("\"file\":\"{file}\",\"part\":0,\"parts\":5000")), "part 0 of 5000"),
-        (head("\"part\":1,\"parts\":1"), "never of both or of none"),
+        (head("\"part\":1,\"parts\":1"), "either to a message or to a file"),
         (
             head(&format!("\"file\":\"{file}\",\"part\":1,\"parts\":1")).replace("cell-1", "a.*"),
             "valid: 1 to 40 letters",
         ),
-        (head(&format!("\"file\":\"{file}\",\"part\":1,\"parts\":1")).replace("part-1", "part-2"), "known is"),
+        (head(&format!("\"file\":\"{file}\",\"part\":1,\"parts\":1")).replace("part-1", "part-2"), "expected"),
     ] {
         let found = Chunk::read(bytes.as_bytes()).expect_err("refused").to_string();
         assert!(found.contains(problem), "{found}");
@@ -179,7 +181,7 @@ fn two_lists_are_held_against_each_other_by_name_and_hash() {
     for (words, part) in compared.found.iter().zip([
         "number 2 of epoch 0123456789abcdef0123456789abcdef differs: the cell has a cycle with the SHA-256 bb",
         "number 3 of epoch 0123456789abcdef0123456789abcdef is not in the office yet: cycle",
-        "number 9 of epoch 0123456789abcdef0123456789abcdef is in the office and not in the cell",
+        "number 9 of epoch 0123456789abcdef0123456789abcdef is in the office, but not in the cell",
     ]) {
         assert!(words.starts_with(part), "{words}");
     }

@@ -5,7 +5,7 @@ use crate::accounts::{Permission, Role};
 
 /// The requests of the methods. Each is one of the service's own requests, checked by the same gates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, strum::VariantArray)]
-#[expect(missing_docs, reason = "the names are those of the service's requests")]
+#[expect(missing_docs, reason = "the names are the requests of the service")]
 pub enum Command {
     Reset,
     Start,
@@ -87,7 +87,8 @@ use Permission::{Accept, Acknowledge, Operate};
 const STEP: Argument = Argument {
     name: "Step",
     kind: ArgumentKind::UInt32,
-    meaning: "Cycle/Step as it was when this was decided. A cell that has gone on since refuses it.",
+    meaning: "Value of Cycle/Step when the decision was made. The call is refused if the cell is at another step \
+              now.",
 };
 
 /// Every method.
@@ -96,7 +97,7 @@ pub const METHODS: &[Method] = &[
         "Reset",
         Command::Reset,
         Some(Operate),
-        "Stopped or Complete to Idle: self-test, everything off, no motion.",
+        "From Stopped or Complete to Idle: self-test, everything off, no motion.",
     ),
     Method {
         name: "Start",
@@ -105,21 +106,28 @@ pub const METHODS: &[Method] = &[
             text("Recipe", "The file name of a recipe in the folder of [page] recipes, such as panel.toml."),
             text(
                 "RecipeHash",
-                "SHA-256 of the recipe that was decided upon, as Recipes/Hashes has it. A recipe that was changed since is refused.",
+                "SHA-256 of the recipe on which the decision was made, from Recipes/Hashes. The call is refused if \
+                 the recipe was changed since then.",
             ),
             text("SerialNumber", "The part's serial number; empty if it has none."),
             text("WorkOrder", "The work order; empty if there is none."),
             Argument {
                 name: "AnotherPart",
                 kind: ArgumentKind::Boolean,
-                meaning: "True if the part in the fixture is not the part of the cycles before: abrasions count \
-                          from zero. It is recorded with the cycle.",
+                meaning: "True if the part in the fixture is not the part of the earlier cycles: abrasions count \
+                          from zero. The value is recorded with the cycle.",
             },
         ],
         needs: Some(Operate),
-        meaning: "Idle to a cycle on the panel that lies in the fixture. The operator in the record is the person who is logged in.",
+        meaning: "From Idle: starts a cycle on the panel in the fixture. The record names the logged-in person as \
+                  the operator.",
     },
-    plain("Hold", Command::Hold, Some(Operate), "Interrupts the work: tool off, retract, Held."),
+    plain(
+        "Hold",
+        Command::Hold,
+        Some(Operate),
+        "Interrupts the work: switches the tool off, retracts it, and ends in Held.",
+    ),
     Method {
         name: "Unhold",
         command: Command::Unhold,
@@ -127,28 +135,34 @@ pub const METHODS: &[Method] = &[
             Argument {
                 name: "Dried",
                 kind: ArgumentKind::Boolean,
-                meaning: "True if a person has dried the panel: it is located again.",
+                meaning: "True if a person has dried the panel: the panel is located again.",
             },
             STEP,
         ],
         needs: Some(Operate),
-        meaning: "Continues from Held, after the panel's place was verified.",
+        meaning: "Continues from Held, after the panel's pose was verified.",
     },
-    plain("Stop", Command::Stop, None, "Ends the cycle; ends in Stopped. It is no emergency stop."),
-    plain("Abort", Command::Abort, None, "Ends everything at once; ends in Aborted. It is no emergency stop."),
+    plain("Stop", Command::Stop, None, "Ends the cycle; the unit ends in Stopped. This is not an emergency stop."),
+    plain(
+        "Abort",
+        Command::Abort,
+        None,
+        "Ends everything at once; the unit ends in Aborted. This is not an emergency stop.",
+    ),
     Method {
         name: "Clear",
         command: Command::Clear,
         arguments: &[STEP],
         needs: Some(Operate),
-        meaning: "Aborted to Stopped: a person confirms that the cause is gone and the pad is off the panel.",
+        meaning: "From Aborted to Stopped: a person confirms that the cause is removed and the pad is off the \
+                  panel.",
     },
     Method {
         name: "Accept",
         command: Command::Accept,
         arguments: &[STEP],
         needs: Some(Accept),
-        meaning: "Continues from Held for review: the result is accepted.",
+        meaning: "Accepts the result and continues from Held for review.",
     },
     plain(
         "NewDisc",
@@ -160,9 +174,9 @@ pub const METHODS: &[Method] = &[
     Method {
         name: "AcknowledgeAlarm",
         command: Command::AcknowledgeAlarm,
-        arguments: &[text("Alarm", "The alarm's name, as Alarms/Ids has it.")],
+        arguments: &[text("Alarm", "ID of the alarm, from Alarms/Ids.")],
         needs: Some(Acknowledge),
-        meaning: "Records that the person has seen an alarm. It changes neither the alarm nor the cell.",
+        meaning: "Records that the person has seen an alarm. The alarm and the cell do not change.",
     },
 ];
 

@@ -93,7 +93,7 @@ pub const NODES: &[Node] = &[
         "number of the unit's state: 1 Clearing, 2 Stopped, 3 Starting, 4 Idle, 6 Execute, 7 Stopping, 8 Aborting, 9 Aborted, 10 Holding, 11 Held, 12 Unholding, 15 Resetting, 16 Completing, 17 Complete",
         |now| some(unit_state(now), |state| Value::Int32(state.number())),
     ),
-    node("PackML/Status/StateCurrentName", Kind::String, "", "the same as a word", |now| {
+    node("PackML/Status/StateCurrentName", Kind::String, "", "name of the unit's state", |now| {
         some(unit_state(now), |state| Value::String(state.name().to_owned()))
     }),
     node(
@@ -107,89 +107,97 @@ pub const NODES: &[Node] = &[
         "PackML/Status/UnitModeCurrent",
         Kind::Int32,
         "",
-        "number of the mode: 1 Production, 2 Maintenance (a run in the air), 3 Manual (the robot is in T1 or T2)",
+        "number of the mode: 1 Production, 2 Maintenance (an air-run), 3 Manual (the robot is in T1 or T2)",
         |now| some(unit_mode(now), |mode| Value::Int32(mode.number())),
     ),
-    node("PackML/Status/UnitModeCurrentName", Kind::String, "", "the same as a word", |now| {
+    node("PackML/Status/UnitModeCurrentName", Kind::String, "", "name of the mode", |now| {
         some(unit_mode(now), |mode| Value::String(mode.name().to_owned()))
     }),
     node(
         "PackML/Admin/StateCurrentTime",
         Kind::UInt32,
         "s",
-        "time in this state, since this service saw it",
+        "time in the current state, since this service started to observe it",
         |now| some(now.state, |_| Value::UInt32(now.in_state_s)),
     ),
     node(
         "PackML/Admin/ModeCurrentTime",
         Kind::UInt32,
         "s",
-        "time in this mode, since this service saw it",
+        "time in the current mode, since this service started to observe it",
         |now| some(now.state, |_| Value::UInt32(now.in_mode_s)),
     ),
     node(
         "PackML/Admin/ProdProcessedCount",
         Kind::UInt32,
         "",
-        "cycles in the store that ended, without air-runs",
+        "number of ended cycles in the store, without air-runs",
         |now| Value::UInt32(now.counts.processed()),
     ),
     node(
         "PackML/Admin/ProdDefectiveCount",
         Kind::UInt32,
         "",
-        "of these, the cycles that ended with fail or reject",
+        "number of ended cycles with the verdict fail or reject, without air-runs",
         |now| Value::UInt32(now.counts.defective()),
     ),
     node(
         "PackML/Admin/StopReasonCode",
         Kind::String,
         "",
-        "code of the reason why the unit does not work, as the page of messages has it; none while it works",
+        "code of the reason why the unit does not work, from the page of messages; no value while the unit works",
         |now| some(stop_reason(now), |reason| Value::String(reason.code.to_string())),
     ),
-    node("PackML/Admin/StopReason", Kind::String, "", "the same in words, with what to do", |now| {
-        some(stop_reason(now), |reason| Value::String(reason.message.clone()))
-    }),
-    node("Cycle/Number", Kind::UInt32, "", "the cycle that runs, or ran last since the service started", |now| {
-        some(now.cycle.and_then(|cycle| u32::try_from(cycle).ok()), Value::UInt32)
-    }),
-    node("Cycle/Panel", Kind::String, "", "its panel", |now| text(now.panel.as_ref())),
+    node(
+        "PackML/Admin/StopReason",
+        Kind::String,
+        "",
+        "text of the reason why the unit does not work, with the remedy",
+        |now| some(stop_reason(now), |reason| Value::String(reason.message.clone())),
+    ),
+    node(
+        "Cycle/Number",
+        Kind::UInt32,
+        "",
+        "number of the running cycle, or of the last cycle since the service started",
+        |now| some(now.cycle.and_then(|cycle| u32::try_from(cycle).ok()), Value::UInt32),
+    ),
+    node("Cycle/Panel", Kind::String, "", "panel of the current or last cycle", |now| text(now.panel.as_ref())),
     node(
         "Cycle/Phase",
         Kind::String,
         "",
-        "its phase: locate, refine, dry, wet, inspect, plan, verify, abrade, retract, assess or rinse; while held, \
-         the phase in which it will continue",
+        "phase of the cycle: locate, refine, dry, wet, inspect, plan, verify, abrade, retract, assess or rinse; \
+         while held, the phase in which the cycle will continue",
         |now| text(now.phase.as_ref()),
     ),
     node(
         "Cycle/Step",
         Kind::UInt32,
         "",
-        "number of the step that these values show; Unhold, Clear and Accept name it",
+        "number of the step to which these values belong; Unhold, Clear and Accept must state this number",
         |now| some(now.state.and_then(|state| u32::try_from(state.step).ok()), Value::UInt32),
     ),
-    node("Cycle/Pass", Kind::UInt32, "", "its abrasions so far", |now| {
+    node("Cycle/Pass", Kind::UInt32, "", "number of abrasions in the cycle so far", |now| {
         some(now.pass, |pass| Value::UInt32(u32::from(pass)))
     }),
-    node("Cycle/FilmTime", Kind::Double, "s", "of the film that is under way", |now| {
+    node("Cycle/FilmTime", Kind::Double, "s", "elapsed time of the current film", |now| {
         some(now.film_s, Value::Double)
     }),
-    node("Cycle/FilmTimeTotal", Kind::Double, "s", "for how long a film is watched", |now| {
+    node("Cycle/FilmTimeTotal", Kind::Double, "s", "observation time of a film", |now| {
         some(now.film_total_s, Value::Double)
     }),
-    node("Cycle/Waypoint", Kind::UInt32, "", "waypoints executed of the path that is under way", |now| {
+    node("Cycle/Waypoint", Kind::UInt32, "", "number of executed waypoints of the current path", |now| {
         some(now.waypoint, Value::UInt32)
     }),
-    node("Cycle/Waypoints", Kind::UInt32, "", "all waypoints of that path", |now| {
+    node("Cycle/Waypoints", Kind::UInt32, "", "total number of waypoints of the current path", |now| {
         some(now.waypoints, Value::UInt32)
     }),
     node(
         "Cycle/Verdict",
         Kind::String,
         "",
-        "its verdict once it has one: pass, fail, reject, invalid, review, accept or aborted",
+        "verdict of the cycle, if there is one: pass, fail, reject, invalid, review, accept or aborted",
         |now| some(now.verdict, |verdict: Verdict| Value::String(verdict.word().to_owned())),
     ),
     node(
@@ -203,28 +211,32 @@ pub const NODES: &[Node] = &[
         "Cycle/ReasonCodes",
         Kind::Strings,
         "",
-        "codes of the reasons why the cell is in its state, and of the last problems that were found",
+        "codes of the reasons for the cell's state, and of the last problems that were found",
         |now| reasons(now, |reason| reason.code.to_string()),
     ),
-    node("Cycle/Reasons", Kind::Strings, "", "the same in words, in the same order", |now| {
+    node("Cycle/Reasons", Kind::Strings, "", "texts of the reasons in ReasonCodes, in the same order", |now| {
         reasons(now, |reason| reason.message.clone())
     }),
     node(
         "Cycle/PossibleCommands",
         Kind::Strings,
         "",
-        "the requests that the cell would accept now, by their names in `panelprep ctl`",
+        "requests that the cell would accept now, with their names in `panelprep ctl`",
         |now| Value::Strings(now.possible.iter().map(|&word| word.to_owned()).collect()),
     ),
     node("Recipes/Names", Kind::Strings, "", "file names of the recipes in the folder of [page] recipes", |now| {
         Value::Strings(now.recipes.iter().map(|recipe| recipe.name.clone()).collect())
     }),
-    node("Recipes/Hashes", Kind::Strings, "", "SHA-256 of each, in the same order; Start names it", |now| {
-        Value::Strings(now.recipes.iter().map(|recipe| recipe.sha256.clone()).collect())
-    }),
+    node(
+        "Recipes/Hashes",
+        Kind::Strings,
+        "",
+        "SHA-256 of each recipe in Names, in the same order; the argument RecipeHash of Start",
+        |now| Value::Strings(now.recipes.iter().map(|recipe| recipe.sha256.clone()).collect()),
+    ),
     node("Part/SerialNumber", Kind::String, "", "serial number of the part", |now| text(now.part.serial.as_ref())),
-    node("Part/WorkOrder", Kind::String, "", "its work order", |now| text(now.part.order.as_ref())),
-    node("Part/Operator", Kind::String, "", "who operates the cell, as the start named that person", |now| {
+    node("Part/WorkOrder", Kind::String, "", "work order of the part", |now| text(now.part.order.as_ref())),
+    node("Part/Operator", Kind::String, "", "operator of the cell, as named at the start", |now| {
         text(now.part.operator.as_ref())
     }),
     node("Grids/Ids", Kind::Strings, "", "names of the panel's grids", |now| {
@@ -242,81 +254,163 @@ pub const NODES: &[Node] = &[
         "Calibrations/MayStart",
         Kind::Boolean,
         "",
-        "whether a cycle may start with the calibrations as they are",
+        "true if a cycle may start with the present calibrations",
         |now| some(now.may_start, Value::Boolean),
     ),
-    node("Calibrations/Reasons", Kind::Strings, "", "why a cycle may not start, or what is doubtful", |now| {
-        Value::Strings(now.calibration_reasons.clone())
-    }),
+    node(
+        "Calibrations/Reasons",
+        Kind::Strings,
+        "",
+        "reasons why a cycle may not start, or why a calibration is doubtful",
+        |now| Value::Strings(now.calibration_reasons.clone()),
+    ),
     node("Calibrations/Files", Kind::Strings, "", "each calibration with its file and its age", |now| {
         Value::Strings(now.calibrations.clone())
     }),
-    node("Calibrations/Scanner/VerifiedAt", Kind::DateTime, "", "last verification of the 3D camera", |now| {
-        verified_at(now.scanner)
-    }),
-    node("Calibrations/Scanner/Age", Kind::Double, "h", "time since then", |now| age_h(now, now.scanner)),
-    node("Calibrations/Scanner/Error", Kind::Double, "mm", "what was measured", |now| error_mm(now.scanner)),
-    node("Calibrations/Scanner/Limit", Kind::Double, "mm", "the limit that applied", |now| limit_mm(now.scanner)),
+    node(
+        "Calibrations/Scanner/VerifiedAt",
+        Kind::DateTime,
+        "",
+        "time of the last verification of the 3D camera",
+        |now| verified_at(now.scanner),
+    ),
+    node(
+        "Calibrations/Scanner/Age",
+        Kind::Double,
+        "h",
+        "time since the last verification of the 3D camera",
+        |now| age_h(now, now.scanner),
+    ),
+    node(
+        "Calibrations/Scanner/Error",
+        Kind::Double,
+        "mm",
+        "error found in the last verification of the 3D camera",
+        |now| error_mm(now.scanner),
+    ),
+    node(
+        "Calibrations/Scanner/Limit",
+        Kind::Double,
+        "mm",
+        "limit of the last verification of the 3D camera",
+        |now| limit_mm(now.scanner),
+    ),
     node(
         "Calibrations/FlangeCamera/VerifiedAt",
         Kind::DateTime,
         "",
-        "last verification of the camera on the flange",
+        "time of the last verification of the camera on the flange",
         |now| verified_at(now.flange_camera),
     ),
-    node("Calibrations/FlangeCamera/Age", Kind::Double, "h", "time since then", |now| {
-        age_h(now, now.flange_camera)
-    }),
-    node("Calibrations/FlangeCamera/Error", Kind::Double, "mm", "what was measured", |now| {
-        error_mm(now.flange_camera)
-    }),
-    node("Calibrations/FlangeCamera/Limit", Kind::Double, "mm", "the limit that applied", |now| {
-        limit_mm(now.flange_camera)
-    }),
-    node("Calibrations/Tool/VerifiedAt", Kind::DateTime, "", "last verification of the tool by touch", |now| {
-        verified_at(now.tool)
-    }),
-    node("Calibrations/Tool/Age", Kind::Double, "h", "time since then", |now| age_h(now, now.tool)),
-    node("Calibrations/Tool/Error", Kind::Double, "mm", "what was measured", |now| error_mm(now.tool)),
-    node("Calibrations/Tool/Limit", Kind::Double, "mm", "the limit that applied", |now| limit_mm(now.tool)),
+    node(
+        "Calibrations/FlangeCamera/Age",
+        Kind::Double,
+        "h",
+        "time since the last verification of the camera on the flange",
+        |now| age_h(now, now.flange_camera),
+    ),
+    node(
+        "Calibrations/FlangeCamera/Error",
+        Kind::Double,
+        "mm",
+        "error found in the last verification of the camera on the flange",
+        |now| error_mm(now.flange_camera),
+    ),
+    node(
+        "Calibrations/FlangeCamera/Limit",
+        Kind::Double,
+        "mm",
+        "limit of the last verification of the camera on the flange",
+        |now| limit_mm(now.flange_camera),
+    ),
+    node(
+        "Calibrations/Tool/VerifiedAt",
+        Kind::DateTime,
+        "",
+        "time of the last verification of the tool by touch",
+        |now| verified_at(now.tool),
+    ),
+    node(
+        "Calibrations/Tool/Age",
+        Kind::Double,
+        "h",
+        "time since the last verification of the tool by touch",
+        |now| age_h(now, now.tool),
+    ),
+    node(
+        "Calibrations/Tool/Error",
+        Kind::Double,
+        "mm",
+        "error found in the last verification of the tool by touch",
+        |now| error_mm(now.tool),
+    ),
+    node(
+        "Calibrations/Tool/Limit",
+        Kind::Double,
+        "mm",
+        "limit of the last verification of the tool by touch",
+        |now| limit_mm(now.tool),
+    ),
     node(
         "Alarms/Ids",
         Kind::Strings,
         "",
-        "names of the active alarms, the most urgent first; AcknowledgeAlarm needs such a name",
+        "IDs of the active alarms, the most urgent first; AcknowledgeAlarm requires such an ID",
         |now| alarms(now, alarm_id),
     ),
-    node("Alarms/Codes", Kind::Strings, "", "their codes, in the same order", |now| {
+    node("Alarms/Codes", Kind::Strings, "", "codes of the active alarms, in the same order as Ids", |now| {
         alarms(now, |alarm| alarm.code.clone())
     }),
-    node("Alarms/Priorities", Kind::Strings, "", "their priorities: high, medium, low or note", |now| {
-        alarms(now, |alarm| alarm.priority.word().to_owned())
+    node(
+        "Alarms/Priorities",
+        Kind::Strings,
+        "",
+        "priorities of the active alarms: high, medium, low or note",
+        |now| alarms(now, |alarm| alarm.priority.word().to_owned()),
+    ),
+    node("Alarms/Messages", Kind::Strings, "", "texts of the active alarms", |now| {
+        alarms(now, |alarm| alarm.message.clone())
     }),
-    node("Alarms/Messages", Kind::Strings, "", "what was found", |now| alarms(now, |alarm| alarm.message.clone())),
-    node("Alarms/Remedies", Kind::Strings, "", "what to do", |now| alarms(now, |alarm| alarm.remedy.clone())),
-    node("Alarms/RaisedAt", Kind::DateTimes, "", "when they were raised", |now| {
+    node("Alarms/Remedies", Kind::Strings, "", "remedies for the active alarms", |now| {
+        alarms(now, |alarm| alarm.remedy.clone())
+    }),
+    node("Alarms/RaisedAt", Kind::DateTimes, "", "times at which the active alarms were raised", |now| {
         Value::DateTimes(now.alarms.iter().map(|alarm| alarm.raised_unix_ms).collect())
     }),
-    node("Alarms/AcknowledgedBy", Kind::Strings, "", "who acknowledged each; empty if nobody has", |now| {
-        alarms(now, |alarm| alarm.acknowledged.as_ref().map_or(String::new(), |seen| seen.who.clone()))
-    }),
-    node("Counters/Passed", Kind::UInt32, "", "cycles that ended with pass", |now| {
+    node(
+        "Alarms/AcknowledgedBy",
+        Kind::Strings,
+        "",
+        "person who acknowledged each active alarm; empty if it is not acknowledged",
+        |now| alarms(now, |alarm| alarm.acknowledged.as_ref().map_or(String::new(), |seen| seen.who.clone())),
+    ),
+    node("Counters/Passed", Kind::UInt32, "", "number of cycles that ended with pass", |now| {
         Value::UInt32(now.counts.passed)
     }),
-    node("Counters/Failed", Kind::UInt32, "", "with fail", |now| Value::UInt32(now.counts.failed)),
-    node("Counters/Rejected", Kind::UInt32, "", "with reject", |now| Value::UInt32(now.counts.rejected)),
-    node("Counters/Invalid", Kind::UInt32, "", "with invalid", |now| Value::UInt32(now.counts.invalid)),
-    node("Counters/Aborted", Kind::UInt32, "", "by a stop or an abort", |now| Value::UInt32(now.counts.aborted)),
-    node("Counters/Other", Kind::UInt32, "", "with another verdict", |now| Value::UInt32(now.counts.other)),
+    node("Counters/Failed", Kind::UInt32, "", "number of cycles that ended with fail", |now| {
+        Value::UInt32(now.counts.failed)
+    }),
+    node("Counters/Rejected", Kind::UInt32, "", "number of cycles that ended with reject", |now| {
+        Value::UInt32(now.counts.rejected)
+    }),
+    node("Counters/Invalid", Kind::UInt32, "", "number of cycles that ended with invalid", |now| {
+        Value::UInt32(now.counts.invalid)
+    }),
+    node("Counters/Aborted", Kind::UInt32, "", "number of cycles that ended by a stop or an abort", |now| {
+        Value::UInt32(now.counts.aborted)
+    }),
+    node("Counters/Other", Kind::UInt32, "", "number of cycles that ended with another verdict", |now| {
+        Value::UInt32(now.counts.other)
+    }),
     node(
         "Robot/Condition",
         Kind::String,
         "",
-        "state of its link: unknown, ready, link_lost, restarted, emergency_stop, guard_open, drives_off or \
+        "condition of the robot: unknown, ready, link_lost, restarted, emergency_stop, guard_open, drives_off or \
          not_automatic",
         robot,
     ),
-    node("Robot/Epoch", Kind::UInt32, "", "the last epoch that was opened on its link", |now| {
+    node("Robot/Epoch", Kind::UInt32, "", "last epoch that was opened on the robot link", |now| {
         some(now.state, |state| Value::UInt32(state.epoch))
     }),
     node("Service/Version", Kind::String, "", "version of the program", |_| {
@@ -326,26 +420,30 @@ pub const NODES: &[Node] = &[
         "Service/Answers",
         Kind::Boolean,
         "",
-        "false if the service's loop does not answer: all other values are the last that it reported",
+        "false if the service's loop does not respond: all other values are then the last ones that it reported",
         |now| Value::Boolean(now.answers),
     ),
-    node("Service/LastRefusal/Method", Kind::String, "", "the method that was called last and not done", |now| {
-        some(now.refusal.as_ref(), |refusal| Value::String(refusal.method.to_owned()))
-    }),
-    node("Service/LastRefusal/User", Kind::String, "", "who called it", |now| {
+    node(
+        "Service/LastRefusal/Method",
+        Kind::String,
+        "",
+        "name of the last method that was called and refused",
+        |now| some(now.refusal.as_ref(), |refusal| Value::String(refusal.method.to_owned())),
+    ),
+    node("Service/LastRefusal/User", Kind::String, "", "user who called the last refused method", |now| {
         some(now.refusal.as_ref(), |refusal| Value::String(refusal.user.clone()))
     }),
-    node("Service/LastRefusal/Time", Kind::DateTime, "", "when", |now| {
+    node("Service/LastRefusal/Time", Kind::DateTime, "", "time of the last refusal", |now| {
         some(now.refusal.as_ref(), |refusal| Value::DateTime(refusal.at_unix_ms))
     }),
-    node("Service/LastRefusal/Code", Kind::String, "", "code of the reason", |now| {
+    node("Service/LastRefusal/Code", Kind::String, "", "code of the reason for the last refusal", |now| {
         some(now.refusal.as_ref(), |refusal| Value::String(refusal.reason.code.to_string()))
     }),
     node(
         "Service/LastRefusal/Message",
         Kind::String,
         "",
-        "the reason in words, with what is possible instead",
+        "text of the reason for the last refusal, with what is possible instead",
         |now| some(now.refusal.as_ref(), |refusal| Value::String(refusal.reason.message.clone())),
     ),
 ];

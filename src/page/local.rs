@@ -18,14 +18,15 @@ use tokio::sync::oneshot;
 pub enum LocalError {
     /// Other computers could open the page.
     #[error(
-        "{address}: this page is for the browser on this computer alone: name an address such as 127.0.0.1:8090"
+        "{address}: this page can be opened only by a browser on this computer; use a loopback address such as \
+         127.0.0.1:8090"
     )]
     NotLoopback {
         /// The requested address.
         address: SocketAddr,
     },
     /// The system refuses.
-    #[error("{address}: the page cannot be served here: {source}; name another port")]
+    #[error("{address}: cannot serve the page at this address: {source}; use another port")]
     System {
         /// The requested address.
         address: SocketAddr,
@@ -83,10 +84,7 @@ impl Local {
         let gate = Arc::new(Gate { hosts: [address.to_string(), format!("localhost:{}", address.port())] });
         let router = pages.layer(middleware::from_fn_with_state(gate, pass));
         let until = async {
-            #[expect(
-                clippy::let_underscore_must_use,
-                reason = "the holder of the sender may be gone, which also ends the page"
-            )]
+            #[expect(clippy::let_underscore_must_use, reason = "if the sender is dropped, the page ends as well")]
             let _ = done.await;
         };
         let served = runtime.block_on(async { axum::serve(listener, router).with_graceful_shutdown(until).await });
@@ -99,7 +97,8 @@ impl Local {
 async fn pass(State(gate): State<Arc<Gate>>, request: Request<Body>, next: Next) -> Response {
     let host = request.headers().get(header::HOST).and_then(|host| host.to_str().ok());
     if !host.is_some_and(|host| gate.hosts.iter().any(|own| own == host)) {
-        return (StatusCode::FORBIDDEN, "this page is for the browser on this computer alone").into_response();
+        return (StatusCode::FORBIDDEN, "this page can be opened only by a browser on this computer")
+            .into_response();
     }
     let mut response = next.run(request).await;
     let headers = response.headers_mut();

@@ -29,7 +29,7 @@ impl Session {
     /// Signals, once, that the person is done.
     pub fn end(&self) -> Response {
         if let Some(tell) = self.lock().1.take() {
-            #[expect(clippy::let_underscore_must_use, reason = "refused where it has ended already")]
+            #[expect(clippy::let_underscore_must_use, reason = "fails if the session has already ended")]
             let _ = tell.send(());
         }
         Json(json!({ "done": true })).into_response()

@@ -34,8 +34,8 @@ impl BoxCut {
     pub fn reason(&self) -> Reason {
         let BoxCut { key, axis, face_mm, border_px, at: Pixel { u, v } } = self;
         let message = format!(
-            "the search box cuts the panel: its surface continues beyond locate.{key}[{axis}] = {face_mm} mm, at {border_px} px of its border, \
-             one at ({u:.0}, {v:.0}) px; enlarge the box there"
+            "the search box cuts the panel: its surface continues beyond locate.{key}[{axis}] = {face_mm} mm, at \
+             {border_px} px of its border, for example at ({u:.0}, {v:.0}) px; enlarge the box there"
         );
         Reason::new("box_cuts", message)
     }

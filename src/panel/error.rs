@@ -14,7 +14,7 @@ pub enum LearnError {
     /// Some corners of the region are not on the panel; all such corners are listed.
     #[error(
         "{}; choose all four corners of the region inside the panel's outline; if points of the panel are missing, \
-         state the outline yourself, `outline_px` in [panel]",
+         state the outline in [panel] outline_px",
         list(corners)
     )]
     WrongCorners {
@@ -23,8 +23,8 @@ pub enum LearnError {
     },
     /// No point of the scan under the region's centre lies in the search box.
     #[error(
-        "no panel under the region's centre, ({u:.0}, {v:.0}) px: no point of the scan there lies in the search box, {}; are \
-         the region's corners on the panel, is the box right?", elsewhere(*largest)
+        "no panel under the region's centre, ({u:.0}, {v:.0}) px: the scan has no point in the search box there, \
+         {}; check that the region's corners are on the panel, and check the box", elsewhere(*largest)
     )]
     NothingThere {
         /// The region's centre, column, px.
@@ -36,8 +36,8 @@ pub enum LearnError {
     },
     /// The piece of the scan under the region's centre and in the search box is too small for a panel.
     #[error(
-        "no panel under the region's centre, ({u:.0}, {v:.0}) px: the piece of scan there that lies in the search \
-         box has {found} points, at least {needed} needed; check the box and the place of the panel"
+        "no panel under the region's centre, ({u:.0}, {v:.0}) px: the connected part of the scan in the search box \
+         there has {found} points, at least {needed} are needed; check the box and the position of the panel"
     )]
     NoPanel {
         /// The region's centre, column, px.
@@ -51,8 +51,8 @@ pub enum LearnError {
     },
     /// A corner of the recipe's outline is not in the picture.
     #[error(
-        "outline_px in [panel]: the corner ({u:.0}, {v:.0}) px lies outside of the picture, {width}×{height} px; was it drawn \
-         on another picture?"
+        "outline_px in [panel]: the corner ({u:.0}, {v:.0}) px lies outside of the picture, {width}×{height} px; \
+         check that it was drawn on this picture"
     )]
     OutlineOutside {
         /// Column, px.
@@ -125,7 +125,7 @@ fn list(corners: &[WrongCorner]) -> String {
 /// Describes what the search box contains outside the place at which the panel was searched.
 fn elsewhere(largest: usize) -> String {
     match largest {
-        0 => "nor does any other".to_owned(),
-        points => format!("though elsewhere a piece of {points} points does"),
+        0 => "and no point elsewhere in it".to_owned(),
+        points => format!("but a part with {points} points elsewhere in it"),
     }
 }

@@ -64,16 +64,16 @@ impl OffPanel {
             Beyond::Edge => {
                 let all: Vec<String> = self.grids.iter().map(ToString::to_string).collect();
                 let message = format!(
-                    "the region leaves the panel by {size} mm {place}; grids that reach beyond the edge: {}; draw the region \
-                     inside the panel's outline",
+                    "the region extends beyond the panel's edge by {size} mm {place}; affected grids: {}; draw the \
+                     region inside the panel's outline",
                     all.join(", ")
                 );
                 Reason::new("region_off_panel", message)
             }
             Beyond::Hole => {
                 let message = format!(
-                    "the region has a hole of {size} mm {place}; draw the region beside it, or mask it with [inspect] masked_px; if \
-                     the panel has no hole there, scan it again"
+                    "the region has a hole of {size} mm {place}; draw the region beside the hole, or mask it with \
+                     [inspect] masked_px; if the panel has no hole there, scan it again"
                 );
                 Reason::new("region_over_hole", message)
             }

@@ -36,7 +36,7 @@ impl std::str::FromStr for GridId {
 
 /// The error for a text that names no grid.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("\"{found}\" names no grid; write row and column as in r1c1")]
+#[error("\"{found}\" is not a grid; write row and column, as in r1c1")]
 pub struct GridIdError {
     /// The text.
     pub found: String,

@@ -36,8 +36,8 @@ impl Reference {
     /// The panel with which today's panel is compared, for sentences.
     pub fn word(self) -> &'static str {
         match self {
-            Reference::Scan => "the taught one",
-            Reference::Drawing { .. } => "its drawing",
+            Reference::Scan => "the taught surface",
+            Reference::Drawing { .. } => "the drawing",
         }
     }
 }

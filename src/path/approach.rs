@@ -113,7 +113,7 @@ impl<'a> CornerTour<'a> {
             None => kinematics.clone(),
         };
         let met = |obstacle| {
-            Reason::new("out_of_reach", format!("on the way from the park to the ready pose: {obstacle}"))
+            Reason::new("out_of_reach", format!("on the motion from the park pose to the ready pose: {obstacle}"))
         };
         joint_motion(&beside, self.camera(), &self.park, &ready).map_err(met)?;
         Ok(ready)
@@ -128,7 +128,8 @@ impl<'a> CornerTour<'a> {
     ) -> Result<Joints, Reason> {
         let taught = self.corners.get(corner).ok_or_else(no_corner)?;
         let flange_from_tool = self.camera();
-        let not_finite = || Reason::new("out_of_reach", "the axes of the park or ready pose are no numbers");
+        let not_finite =
+            || Reason::new("out_of_reach", "the axis angles of the park or ready pose are not valid numbers");
         let from = kinematics.base_from_flange(&at).ok_or_else(not_finite)? * flange_from_tool;
         let to = Rigid::claim(*(panel.base_from_panel * taught.teaching.panel_from_camera).isometry());
         let (limits, arm, obstacles) = (self.limits, self.arm, panel.obstacles);
@@ -137,7 +138,7 @@ impl<'a> CornerTour<'a> {
             routes::view(&standing, (from, to), Sander { flange_from_tip: self.flange_from_tool, lift_mm: 0.0 });
         let refused = gated.judgement().reasons.into_iter().next();
         let on_the_way = |reason: Reason| Reason {
-            message: format!("on the way to corner {}: {}", corner + 1, reason.message),
+            message: format!("on the motion to corner {}: {}", corner + 1, reason.message),
             ..reason
         };
         gated.joints.ok_or_else(|| refused.map_or_else(not_finite, on_the_way))

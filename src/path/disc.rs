@@ -41,8 +41,8 @@ impl DiscUse {
         check.at_most(life_mm2, SetBy::recipe("path.disc_life_mm2")).reviews("disc_worn", || {
             let left_mm2 = (life_mm2 - (self.worn_after_mm2 - self.swept_mm2)).max(0.0);
             format!(
-                "the disc has {left_mm2:.0} mm² left of {life_mm2:.0}, disc_life_mm2, and {what} needs {:.0}; \
-                 change it, report this with `panelprep ctl new-disc`, and accept",
+                "the disc has {left_mm2:.0} mm² of its life of {life_mm2:.0} mm² left (disc_life_mm2), but {what} \
+                 needs {:.0} mm²; change the disc, report this with `panelprep ctl new-disc`, and accept",
                 self.swept_mm2
             )
         })

@@ -29,7 +29,7 @@ pub fn judge(plan: &Plan, settings: &recipe::Path) -> Judgement {
 pub fn judged(plan: &Plan, settings: &recipe::Path) -> (Vec<Check>, Judgement) {
     let mut of_motion: Vec<Check> = plan.paths.iter().flat_map(|path| broken_steps(path, settings)).collect();
     if of_motion.is_empty() && !plan.is_finite() {
-        let words = || "the length, the time or the reach of the path is not a number".to_owned();
+        let words = || "the length, the time or the reach of the path is not a valid number".to_owned();
         of_motion.push(not_a_number("length, time and reach of the path", words));
     }
     let checks = [of_motion, coverage(plan), evenness(plan, settings)].concat();
@@ -84,12 +84,12 @@ pub fn check_pad(settings: &recipe::Path, tool_error_mm: Option<f64>) -> Option<
         Some(error_mm) => {
             let [error, allowed] = apart(error_mm, allowed_mm, 2);
             format!(
-                "the error at the tool is {error} mm, a pad of {stroke_mm} mm stroke absorbs {allowed} mm; a \
-                 softer pad absorbs more"
+                "the error at the tool is {error} mm, but a pad of {stroke_mm} mm stroke absorbs only {allowed} \
+                 mm; use a softer pad"
             )
         }
         None => {
-            "a press-in needs the error at the tool: state [limits] tool_error_mm in the cell's file".to_owned()
+            "press_in_mm requires the error at the tool: state [limits] tool_error_mm in the cell's file".to_owned()
         }
     }))
 }
@@ -103,7 +103,7 @@ fn not_a_number(what: &str, words: impl FnOnce() -> String) -> Check {
 fn broken_steps(path: &ToolPath, settings: &recipe::Path) -> Vec<Check> {
     let name = path.grids.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
     if let Some(index) = path.waypoints.iter().position(|waypoint| !waypoint.is_finite()) {
-        let words = || format!("grid {name}: waypoint {index} is not a number");
+        let words = || format!("grid {name}: the pose of waypoint {index} is not a valid number");
         return vec![not_a_number("waypoint", words)];
     }
     let mut broken = Vec::new();
@@ -130,15 +130,15 @@ fn broken_steps(path: &ToolPath, settings: &recipe::Path) -> Vec<Check> {
             .at_most(limit_mm, SetBy::recipe("path.waypoint_spacing_mm"))
             .rejects("large_step", || {
                 let [step, limit] = apart(step_mm, limit_mm, 2);
-                format!("grid {name}: {step} mm from waypoint {index} to the next, allowed {limit}")
+                format!("grid {name}: the step from waypoint {index} to the next is {step} mm (limit {limit} mm)")
             });
         let turned = Check::new("turn of the tool from a waypoint to the next", "°", turn.0)
             .at_most(MAX_TURN.0, SetBy::Program)
             .rejects("large_turn", || {
                 let [turn, limit] = apart(turn.0, MAX_TURN.0, 3);
                 format!(
-                    "grid {name}: the tool turns by {turn}° from waypoint {index} to the next, allowed {limit}°; set a \
-                     smaller waypoint_spacing_mm or another reference_axis"
+                    "grid {name}: the tool turns by {turn}° from waypoint {index} to the next (limit {limit}°); \
+                     set a smaller waypoint_spacing_mm or another reference_axis"
                 )
             });
         broken.extend([step, turned].into_iter().filter(|check| !check.is_kept()));
@@ -158,8 +158,8 @@ fn coverage(plan: &Plan) -> Vec<Check> {
     let words = |grid: &GridCoverage| {
         let [reached, wanted] = percent_apart(grid.share(), MIN_COVERAGE, 2);
         format!(
-            "grid {}: the disc reaches {reached} %, at least {wanted} % are needed; a smaller step_over_mm reaches \
-             more, and so does a larger edge_overhang_mm near the panel's outline",
+            "grid {}: the disc covers {reached} %, at least {wanted} % are needed; use a smaller step_over_mm, or \
+             near the panel's outline a larger edge_overhang_mm",
             grid.id
         )
     };
@@ -185,8 +185,8 @@ fn evenness(plan: &Plan, settings: &recipe::Path) -> Vec<Check> {
                 let found_mm = steps.map_or(0.0, |step| step.max_mm);
                 let [found, allowed] = apart(found_mm, settings.step_over_mm(), 2);
                 format!(
-                    "lines are {found} mm apart (limit {allowed} mm, step_over_mm); another pattern or \
-                     feed_angle_deg brings them closer"
+                    "the lines are {found} mm apart (limit {allowed} mm, step_over_mm); choose another pattern or \
+                     feed_angle_deg"
                 )
             }),
         Check::new("time under the disc, 5 % of the treated area", "s", plan.dwell.map(|dwell| dwell.low_s)),
@@ -195,12 +195,12 @@ fn evenness(plan: &Plan, settings: &recipe::Path) -> Vec<Check> {
             .at_most(settings.max_dwell_ratio(), SetBy::recipe("path.max_dwell_ratio"))
             .reviews("uneven", || {
                 let (ratio, grid) = ratio.unwrap_or((f64::NAN, None));
-                let place = grid.map_or("over all that is treated".to_owned(), |id| format!("in grid {id}"));
+                let place = grid.map_or("over the whole treated area".to_owned(), |id| format!("in grid {id}"));
                 let [found, allowed] = apart(ratio, settings.max_dwell_ratio(), 2);
                 format!(
-                    "{place} the disc stays {found} times longer at one place than at another (95 % to 5 % of the \
-                     treated area; limit {allowed}, max_dwell_ratio); a smaller step_over_mm, a smaller disc, \
-                     pattern = \"raster\" or more grids at a time make it more even"
+                    "{place}, the time under the disc differs by a factor of {found} (95 % to 5 % of the treated \
+                     area; limit {allowed}, max_dwell_ratio); use a smaller step_over_mm, a smaller disc, pattern \
+                     = \"raster\" or more grids at a time"
                 )
             }),
         Check::new("disc beyond the panel's outline", "mm", largest_mm)
@@ -208,8 +208,9 @@ fn evenness(plan: &Plan, settings: &recipe::Path) -> Vec<Check> {
             .reviews("edge_overhang", || {
                 let [reach, allowed] = apart(largest_mm, allowed_mm, 1);
                 format!(
-                    "the disc reaches {reach} mm beyond the panel's outline, at {} % of the waypoints more than \
-                     the limit (edge_overhang_mm, {allowed} mm); move the region inwards or use a smaller disc",
+                    "the disc reaches {reach} mm beyond the panel's outline (limit {allowed} mm, \
+                     edge_overhang_mm), and exceeds the limit at {} % of the waypoints; move the region inwards or \
+                     use a smaller disc",
                     fixed(100.0 * plan.overhang.share_beyond, 0)
                 )
             }),

@@ -34,8 +34,8 @@ pub struct ProgramName(String);
 /// The reason why a text cannot be the name of a KRL program.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "\"{found}\" names no KRL program: 1 to {MAX_NAME} letters, digits and underscores, a letter first, and no word of the \
-     language"
+    "\"{found}\" is not a valid KRL program name: 1 to {MAX_NAME} letters, digits and underscores, a letter first, \
+     and not a reserved word"
 )]
 pub struct ProgramNameError {
     /// The text.

@@ -256,14 +256,12 @@ fn words(unreached: &Unreached) -> String {
         Some(shift) => {
             let axis = shift.mm.iamax();
             let sign = if shift.mm[axis] > 0.0 { '+' } else { '−' };
-            format!(
-                "the panel {:.0} mm farther towards {sign}{} of the base would do",
-                shift.mm.norm(),
-                ["X", "Y", "Z"][axis]
-            )
+            format!("move the panel {:.0} mm towards {sign}{} of the base", shift.mm.norm(), ["X", "Y", "Z"][axis])
         }
         None => {
-            "no shift of the panel along one axis of the base helps; another place or tool is needed".to_owned()
+            "no shift of the panel along one axis of the base makes the path reachable; use another panel position \
+             or another tool"
+                .to_owned()
         }
     };
     format!("{}; {help}", unreached.fault)

@@ -50,7 +50,7 @@ pub enum RasterError {
         at: Parameter,
     },
     /// The correction did not converge.
-    #[error("no place lies {distance_mm:.3} mm across from (u, v) = ({:.4}, {:.4})", from.u, from.v)]
+    #[error("no row can be placed {distance_mm:.3} mm beside (u, v) = ({:.4}, {:.4})", from.u, from.v)]
     NoRow {
         /// Point of the previous row, or of the border.
         from: Parameter,

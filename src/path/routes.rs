@@ -351,7 +351,10 @@ pub fn is_the_arm(
 ) -> Result<(), Reason> {
     let by_model = arm.base_from_flange(joints).map(|flange| flange * flange_from_tool);
     let unknown = || {
-        Reason::new("arm_model", "the axis angles that the controller reports are not numbers; read its messages")
+        Reason::new(
+            "arm_model",
+            "the axis angles that the controller reports are not valid numbers; read the controller's messages",
+        )
     };
     let by_model = by_model.ok_or_else(unknown)?;
     let (off_mm, off) = (by_model.origin().distance_mm(reported.origin()), (by_model.inverse() * reported).turn());
@@ -361,8 +364,8 @@ pub fn is_the_arm(
     let [mm, allowed_mm] = apart(off_mm, MODEL_MM, 1);
     let [deg, allowed_deg] = apart(off.0, MODEL.0, 3);
     let message = format!(
-        "the tip by its axes and [arm] is {mm} mm and {deg}° from the tip that the controller reports (limits \
-         {allowed_mm} mm and {allowed_deg}°); check that the cell's file describes this arm"
+        "the TCP calculated from the axis angles and [arm] is {mm} mm and {deg}° from the TCP that the controller \
+         reports (limits {allowed_mm} mm and {allowed_deg}°); check that the cell's file describes this arm"
     );
     Err(Reason::new("arm_model", message))
 }

@@ -57,8 +57,8 @@ pub fn broken_by_route(route: &Route<'_>, limits: &WaypointLimits) -> Vec<Check>
         vec![Check::new(what, "", None).broken(true, Severity::Reject, code, || words)]
     };
     let Some(workspace) = limits.workspace else {
-        let message = "the cell's file states no box_min_mm and box_max_mm; without them the robot makes no linear \
-                       motions";
+        let message = "the cell's file does not state box_min_mm and box_max_mm, without which the robot makes no \
+                       linear motions; state both in [limits]";
         return nothing_moves("the cell's box", "no_box", message.to_owned());
     };
     if route.waypoints.is_empty() {
@@ -67,7 +67,11 @@ pub fn broken_by_route(route: &Route<'_>, limits: &WaypointLimits) -> Vec<Check>
     // With the reported pose of the arm as the first: a wrong present pose makes the longest step.
     let all = || std::iter::once(&route.from).chain(route.waypoints);
     if let Some(index) = all().position(|pose| !is_finite(pose)) {
-        return nothing_moves("waypoint", "not_finite", format!("waypoint {index} is not a number"));
+        return nothing_moves(
+            "waypoint",
+            "not_finite",
+            format!("the pose of waypoint {index} is not a valid number"),
+        );
     }
     let mut broken = Vec::new();
     for (index, (from, to)) in all().zip(route.waypoints).enumerate() {
@@ -113,7 +117,7 @@ fn outside(index: usize, pose: &Rigid<Base, Tool>, workspace: Workspace) -> Opti
     };
     let message = || {
         format!(
-            "waypoint {index} is at ({}, {}, {}) mm, outside of the cell's box of {} to {}",
+            "waypoint {index} is at ({}, {}, {}) mm, outside of the cell's box from {} to {} mm",
             beside(tip.x, 0),
             beside(tip.y, 1),
             beside(tip.z, 2),
@@ -136,19 +140,19 @@ fn jump(
     (from, to): (&Rigid<Base, Tool>, &Rigid<Base, Tool>),
     limits: &WaypointLimits,
 ) -> impl Iterator<Item = Check> {
-    let before = if index == 1 { "the arm's present place".to_owned() } else { format!("waypoint {}", index - 1) };
+    let before = if index == 1 { "the arm's present pose".to_owned() } else { format!("waypoint {}", index - 1) };
     let (step_mm, turn) = (from.origin().distance_mm(to.origin()), (from.inverse() * *to).turn());
     let step = Check::new("step from a waypoint to the next", "mm", step_mm)
         .at_most(limits.max_step_mm, SetBy::cell("limits.max_step_mm"))
         .rejects("large_step", || {
             let [step, allowed] = apart(step_mm, limits.max_step_mm, 1);
-            format!("{step} mm from {before} to waypoint {index}, allowed {allowed}")
+            format!("the step from {before} to waypoint {index} is {step} mm (limit {allowed} mm)")
         });
     let turned = Check::new("turn of the tool from a waypoint to the next", "°", turn.0)
         .at_most(limits.max_turn.0, SetBy::cell("limits.max_turn_deg"))
         .rejects("large_turn", || {
             let [turn, allowed] = apart(turn.0, limits.max_turn.0, 3);
-            format!("the tool turns by {turn}° from {before} to waypoint {index}, allowed {allowed}°")
+            format!("the tool turns by {turn}° from {before} to waypoint {index} (limit {allowed}°)")
         });
     [step, turned].into_iter().filter(|check| !check.is_kept())
 }
@@ -157,7 +161,7 @@ fn tilted(index: usize, pose: &Rigid<Base, Tool>, taught: Vector<Base>, allowed:
     let tilt = (*pose * Vector::<Tool>::new(nalgebra::Vector3::z())).angle_to(taught);
     let message = || {
         let [tilt, allowed] = apart(tilt.0, allowed.0, 3);
-        format!("at waypoint {index} the tool leans {tilt}° from its taught direction, allowed {allowed}°")
+        format!("at waypoint {index} the tool is tilted by {tilt}° from its taught direction (limit {allowed}°)")
     };
     let check = Check::new("tilt of the tool against its taught direction", "°", tilt.0)
         .at_most(allowed.0, SetBy::cell("limits.max_tilt_deg"));

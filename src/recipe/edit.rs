@@ -27,7 +27,7 @@ pub struct Drawn {
 #[derive(Debug, thiserror::Error)]
 pub enum EditError {
     /// The text is not TOML.
-    #[error("the recipe is no TOML: {0}")]
+    #[error("the recipe is not valid TOML: {0}")]
     NotToml(#[from] toml_edit::TomlError),
     /// A key that must be a table has another value.
     #[error("{key} must be a table")]

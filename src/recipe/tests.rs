@@ -92,11 +92,11 @@ fn each_mistake_is_named() {
         ("path.min_break_mm2 = 9", "path.min_break_mm2: unknown key here; did you mean inspect.min_break_mm2?"),
         (
             "path.step_over_mm = 31",
-            "path.step_over_mm: found 31 (limit 30, disc_diameter_mm): wider rows leave stripes",
+            "path.step_over_mm: found 31 (limit 30, disc_diameter_mm): a larger distance leaves untreated stripes",
         ),
         (
             "path.disc_diameter_mm = 10",
-            "path.step_over_mm: found 12 (limit 10, disc_diameter_mm): wider rows leave stripes",
+            "path.step_over_mm: found 12 (limit 10, disc_diameter_mm): a larger distance leaves untreated stripes",
         ),
         (
             "path.reference_axis = [0, 0, 0.001]",
@@ -104,7 +104,7 @@ fn each_mistake_is_named() {
         ),
         (
             "removal = {target_um = 30, max_um = 30, force_n = 20}",
-            "removal.max_um: found 30, it must be more than target_um, 30",
+            "removal.max_um: found 30, must be greater than target_um, 30",
         ),
         (
             "removal = {target_um = 30, max_um = 60, force_n = 20, min_feed_mm_s = 61}",
@@ -112,11 +112,11 @@ fn each_mistake_is_named() {
         ),
         (
             "path.force_n = 15\nremoval = {target_um = 30, max_um = 60, force_n = 20}",
-            "removal.force_n: has no effect: the tool presses with path.force_n, 15; remove it",
+            "removal.force_n: has no effect: the tool presses with path.force_n = 15 N; remove this key",
         ),
         (
             "removal = {target_um = 30, max_um = 60}",
-            "removal.force_n: is missing; state the force of the tool on the panel, N, or for a compliant tool path.force_n",
+            "removal.force_n: is missing; state the force of the tool on the panel in N, or path.force_n for a compliant tool",
         ),
         (
             "removal = {target_um = 30, max_um = 60, force_n = 20, method = 'even'}",
@@ -133,7 +133,7 @@ fn each_mistake_is_named() {
         ("inspect.method = 'films'", "inspect.method: found the text \"films\", valid: \"film\" or \"thesis\""),
         (
             "inspect.channel_weights = [0, 0, 0]",
-            "inspect.channel_weights: one channel at least must weigh 0.01 or more",
+            "inspect.channel_weights: at least one channel must have a weight of 0.01 or more",
         ),
         (
             "inspect.masked_px = [[[1, 2], [3, 4], [5, 6]]]",
@@ -142,7 +142,7 @@ fn each_mistake_is_named() {
         ("inspect.median_px = 4", "inspect.median_px: found 4, valid: an odd number"),
         (
             "inspect.hsv_max = [180, 255, 255]",
-            "inspect.hsv_max: found hue 180, the limits are 0 to 179: half of its degrees",
+            "inspect.hsv_max: found hue 180, valid: 0 to 179 (half of the hue angle in degrees)",
         ),
         (
             "inspect.hsv_max = [179, 256, 255]",
@@ -174,7 +174,7 @@ fn a_region_goes_round() {
     let with_corners = |corners: &str| {
         recipe_problems(&MINIMAL.replace("[[700, 350], [1250, 350], [1250, 850], [700, 850]]", corners))
     };
-    let round = "4: region.corners_px: the four corners must go round a convex region in order, and no three of them may lie on one line";
+    let round = "4: region.corners_px: the four corners must be in order around a convex region, and no three of them may lie on one line";
     assert_eq!(with_corners("[[700, 350], [1250, 850], [1250, 350], [700, 850]]"), [round], "crossed");
     assert_eq!(with_corners("[[700, 350], [900, 350], [1250, 350], [700, 850]]"), [round], "on a line");
     assert_eq!(with_corners("[[700, 350], [800, 400], [1250, 350], [900, 850]]"), [round], "dented");
@@ -237,13 +237,16 @@ fn a_drawing_has_its_place_by_a_pose_or_by_points() {
     assert!((0.15..=0.2).contains(&residual_mm), "{residual_mm}");
     assert!(Recipe::check("f", MINIMAL).is_ok_and(|recipe| recipe.nominal().is_none()));
     for (keys, words) in [
-        ("", "nominal.base_from_drawing: is missing: state where the drawing's frame lies"),
-        (&format!("{pose}\n{points}")[..], "nominal.base_from_drawing: the pose and datum points are stated"),
+        ("", "nominal.base_from_drawing: is missing: state the pose of the drawing's frame"),
+        (&format!("{pose}\n{points}")[..], "nominal.base_from_drawing: both a pose and datum points are stated"),
         (
             &points.replace("200.3", "203"),
-            "nominal.datums_base_mm: point 2 lies 1.91 mm from its place in the drawing",
+            "nominal.datums_base_mm: point 2 is 1.91 mm from its position in the drawing",
         ),
-        (&points.replace("[0, 250, 0]", "[800, 10, 0]"), "the points lie within 5.0 mm of a line (needed 20.0 mm)"),
+        (
+            &points.replace("[0, 250, 0]", "[800, 10, 0]"),
+            "the points lie within 5.0 mm of a line (at least 20.0 mm are needed)",
+        ),
         (&points.replace(", [310, -200, 360]", ""), "found 2 points, and 3 in datums_drawing_mm"),
         (
             "datums_drawing_mm = [[0, 0, 0], [400, 0, 0], [0, 400, 0]]\n\

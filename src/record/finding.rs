@@ -17,7 +17,7 @@ impl std::fmt::Display for CycleId {
 /// The phase that produced a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, strum::IntoStaticStr)]
 #[serde(rename_all = "lowercase")]
-#[expect(missing_docs, reason = "these names are those of the cycle's phases")]
+#[expect(missing_docs, reason = "the names are the phases of the cycle")]
 #[strum(serialize_all = "lowercase")]
 pub enum Kind {
     Locate,

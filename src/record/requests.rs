@@ -121,7 +121,7 @@ impl std::fmt::Display for Who {
         match (&self.user, self.uid) {
             (Some(user), Some(uid)) => write!(f, "{user} (user {uid}), {by}"),
             (None, Some(uid)) => write!(f, "user {uid}, who has no name on this computer, {by}"),
-            (_, None) => write!(f, "a user who is not known, {by}"),
+            (_, None) => write!(f, "an unknown user, {by}"),
         }
     }
 }

@@ -17,7 +17,8 @@ pub(super) const CONTRADICTORY: f64 = 0.5;
 pub enum FitError {
     /// Too few.
     #[error(
-        "{found} measured places, at least {MIN_COUPONS} are needed: two numbers are sought, and how well they are known"
+        "{found} places were measured, at least {MIN_COUPONS} are needed to determine k, the wear and their \
+         uncertainties"
     )]
     TooFew {
         /// Places found.
@@ -25,8 +26,8 @@ pub enum FitError {
     },
     /// All coupons have nearly the same load.
     #[error(
-        "all coupons were loaded alike, the most only {} times as long and hard as the least; at least {} times is needed to see \
-         that depth goes with it: change passes, feed_mm_s or force_n",
+        "all coupons had nearly the same load: the highest is only {} times the lowest, at least {} times is \
+         needed to determine how the depth depends on it; change passes, feed_mm_s or force_n",
         apart(*ratio, LEVELS, 2)[0], apart(*ratio, LEVELS, 2)[1]
     )]
     OneLoad {
@@ -35,8 +36,8 @@ pub enum FitError {
     },
     /// All coupons have nearly the same disc wear.
     #[error(
-        "the discs had swept {} to {} m² (worn_mm2), at least 0.02 m² between them is needed to see the wear: measure a coupon by a \
-         new disc and one by a used one",
+        "the discs had swept {} to {} m² (worn_mm2), but a difference of at least 0.02 m² is needed to determine \
+         the wear: measure one coupon with a new disc and one with a used disc",
         fixed(*least_m2, 3), fixed(*most_m2, 3)
     )]
     OneWear {
@@ -47,8 +48,8 @@ pub enum FitError {
     },
     /// The coupons contradict each other.
     #[error(
-        "the coupons contradict each other: depths differ from the best model by {percent:.0} % rms; the farthest is {name} \
-         (line {line})"
+        "the coupons contradict each other: depths differ from the best model by {percent:.0} % rms; the largest \
+         deviation is that of {name} (line {line})"
     )]
     Contradictory {
         /// Rms, percent.
@@ -60,8 +61,8 @@ pub enum FitError {
     },
     /// Worn discs remove more.
     #[error(
-        "worn discs removed more than new ones, {per_m2:.2} ± {known_m2:.2} of ln k more on a square metre: worn_mm2 and the \
-         depths are perhaps of different coupons"
+        "worn discs removed more than new discs: ln k grows by {per_m2:.2} ± {known_m2:.2} per square metre swept; \
+         check that worn_mm2 and the depth belong to the same coupon"
     )]
     GrowsWithWear {
         /// Growth, 1/m².

@@ -35,13 +35,13 @@ pub fn checks(found: &Fitted, coupons: &[Coupon]) -> Vec<Check> {
             "k_uncertain",
             ("uncertainty of k, 95 %, at the worst wear measured", known_percent),
             KNOWN_PERCENT,
-            "k is known to percent",
+            "uncertainty of k (95 %), percent",
         ),
         bounded(
             "coupons_differ",
             ("a coupon differs from the model, σ", 100.0 * found.coupon_deviation),
             COUPON_PERCENT,
-            "coupons differ from the model by percent",
+            "deviation of the coupons from the model, percent",
         ),
         bounded(
             "left_out",
@@ -53,7 +53,7 @@ pub fn checks(found: &Fitted, coupons: &[Coupon]) -> Vec<Check> {
         discs_differ(found),
         outliers(found, coupons),
         power(
-            ("power by which the depth goes with the load", "force times rubbed way"),
+            ("power by which the depth goes with the load", "force times sliding distance"),
             "not_preston",
             found.power,
         ),
@@ -97,7 +97,7 @@ fn outliers(found: &Fitted, coupons: &[Coupon]) -> Check {
         .map(|(one, coupon)| {
             let [low, high] = one.interval_um.map(|um| fixed(um, 1));
             format!(
-                "{} (line {}): {} µm, the others predict {low} to {high} µm",
+                "{} (line {}): {} µm, but the other coupons predict {low} to {high} µm",
                 coupon.name,
                 coupon.line,
                 fixed(coupon.depth_um, 1)
@@ -107,7 +107,7 @@ fn outliers(found: &Fitted, coupons: &[Coupon]) -> Check {
     Check::new("coupons that the others contradict", "", out.len() as f64)
         .at_most(0.0, SetBy::Program)
         .reviews("outliers", || {
-            format!("{}; measure again, or remove the line if you know what was wrong", out.join("; "))
+            format!("{}; measure these coupons again, or remove a line if you know what was wrong", out.join("; "))
         })
 }
 
@@ -121,7 +121,8 @@ fn discs_known(found: &Fitted) -> Check {
                 "the scatter from disc to disc is not known: name the disc of each coupon in the column disc, and use \
                  {MIN_DISCS} discs or more, each for two coupons or more"
             ),
-            _ => format!("the coupons were treated by {count} discs (limit {MIN_DISCS}); measure coupons of more discs"),
+            _ => format!("the coupons were treated by {count} discs (at least {MIN_DISCS} are needed); measure \
+                          coupons of more discs"),
         })
 }
 
@@ -149,8 +150,8 @@ fn power((name, what): (&'static str, &str), code: &'static str, found: Power) -
         code,
         || {
             format!(
-                "depth goes with the {} ± {} power of {what}, by Preston's law with the first; the model is right \
-                 near the coupons' own loads alone",
+                "the depth grows with the power {} ± {} of {what} (1 by Preston's law); use the model only near \
+                 the loads of the coupons",
                 fixed(found.value, 2),
                 fixed(found.uncertainty, 2)
             )
@@ -168,8 +169,8 @@ fn wear(found: &Fitted) -> Check {
         "wear_not_told",
         || {
             format!(
-                "the disc's wear, {} ± {} for a square metre, cannot be distinguished from zero; measure coupons with discs nearer to the end of \
-                 their life",
+                "the disc's wear, {} ± {} per square metre, cannot be distinguished from zero; measure coupons \
+                 with discs nearer to the end of their life",
                 fixed(per_m2, 2),
                 fixed(known_m2, 2)
             )

@@ -16,8 +16,8 @@ use nalgebra::Matrix2;
 /// Square millimetres per square metre.
 pub const MM2_PER_M2: f64 = 1e6;
 /// The message if a recipe requires a removal and there is no model.
-pub const UNKNOWN: &str = "the recipe has [removal], but the cell's file names no [calibration] removal: it is \
-                           unknown whether max_um is kept; measure coupons and name the file that `panelprep \
+pub const UNKNOWN: &str = "the recipe has [removal], but the cell's file names no [calibration] removal, so it is \
+                           unknown whether max_um is exceeded; measure coupons and name the file that `panelprep \
                            calibrate removal` writes";
 /// Micrometres per millimetre.
 pub const UM_PER_MM: f64 = 1_000.0;

@@ -56,7 +56,7 @@ fn problem(line: u64, column: &str, message: impl Into<String>) -> TableProblem 
 pub fn read_coupons(bytes: &[u8]) -> Result<Vec<Coupon>, TableError> {
     let text = String::from_utf8(bytes.to_vec()).map_err(|error| {
         let line = 1 + bytes[..error.utf8_error().valid_up_to()].iter().filter(|byte| **byte == b'\n').count();
-        TableError(vec![problem(line as u64, "the line", "it is not UTF-8")])
+        TableError(vec![problem(line as u64, "the line", "the file is not UTF-8 text")])
     })?;
     let lines = text.trim_start_matches('\u{feff}').lines().zip(1_u64..);
     let mut lines = lines.filter(|(text, _)| !text.trim().is_empty() && !text.trim_start().starts_with(REMARK));
@@ -89,7 +89,7 @@ fn header_problems(header: &StringRecord, line: u64) -> Vec<TableProblem> {
     let unknown = header.iter().filter(|found| !known().any(|name| name == *found));
     let told = known().collect::<Vec<_>>().join(", ");
     let mut problems: Vec<TableProblem> =
-        unknown.map(|found| problem(line, found, format!("no such column; valid: {told}"))).collect();
+        unknown.map(|found| problem(line, found, format!("unknown column; valid: {told}"))).collect();
     let needed = COLUMNS.iter().filter(|(.., needed)| *needed).map(|(name, ..)| *name).chain([COUPON]);
     problems.extend(needed.filter(|name| !has(name)).map(|name| problem(line, name, "this column is missing")));
     if !(has("depth_um") || has("before_um") && has("after_um")) {
@@ -128,8 +128,11 @@ impl Row<'_> {
 fn coupon(row: &Row<'_>) -> Result<Coupon, Vec<TableProblem>> {
     let mut problems = Vec::new();
     if row.record.len() != row.header.len() {
-        let message =
-            format!("{} values, but {} are needed, one for each column", row.record.len(), row.header.len());
+        let message = format!(
+            "{} values, but {} are needed, one for each column of the header",
+            row.record.len(),
+            row.header.len()
+        );
         return Err(vec![problem(row.line, "the line", message)]);
     }
     let numbers: Vec<Option<f64>> = COLUMNS
@@ -180,10 +183,10 @@ fn depth_um(row: &Row<'_>, numbers: &[Option<f64>]) -> Result<f64, Vec<TableProb
         [None, Some(before_um), Some(after_um)] => Err(vec![problem(
             row.line,
             "after_um",
-            format!("found {}, it must be less than before_um, {}", plain(*after_um), plain(*before_um)),
+            format!("found {}, must be less than before_um, {}", plain(*after_um), plain(*before_um)),
         )]),
         [Some(_), ..] => {
-            Err(vec![problem(row.line, "depth_um", "must be a depth, or before_um and after_um, not both")])
+            Err(vec![problem(row.line, "depth_um", "state either a depth, or before_um and after_um, not both")])
         }
         _ => Err(vec![problem(row.line, "depth_um", "a number is missing; before_um and after_um can replace it")]),
     }
@@ -252,7 +255,7 @@ mod tests {
     #[test]
     fn columns_that_are_not_known_or_not_there_are_named() {
         let found = problems("coupon,force,feed_mm_s,passes,worn_mm2,depth_um\nA1,20,60,1,0,15\n");
-        assert!(found[0].starts_with("line 1, force: no such column; valid: force_n, feed_mm_s,"), "{found:?}");
+        assert!(found[0].starts_with("line 1, force: unknown column; valid: force_n, feed_mm_s,"), "{found:?}");
         assert_eq!(found[1..], ["line 1, force_n: this column is missing"]);
         assert_eq!(
             problems("")[..2],

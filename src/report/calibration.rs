@@ -34,9 +34,15 @@ pub fn residual_field((width, height): (usize, usize), found: &Calibrated) -> Re
         canvas.cross(at, width as f64 / 200.0, Pen { ink: Ink::BLUE, width_px: pen.width_px })?;
     }
     let [low, high] = found.tilt_deg;
-    let each = format!("residuals {times:.0} times larger; longest {longest:.3} px, rms {:.3} px", found.rms_px);
-    let mean = format!("their mean in each field {mean_times:.0} times larger: the lens's own part");
-    let seen = format!("covered {:.0} %, tilts of {low:.0} to {high:.0} degrees", found.coverage * 100.0);
+    let each =
+        format!("residuals, drawn {times:.0} times larger; longest {longest:.3} px, rms {:.3} px", found.rms_px);
+    let mean = format!(
+        "mean residual of each field, drawn {mean_times:.0} times larger: systematic error of the lens model"
+    );
+    let seen = format!(
+        "corners cover {:.0} % of the picture; board tilted by {low:.0} to {high:.0} degrees",
+        found.coverage * 100.0
+    );
     canvas.with_legend(&[(Ink::ORANGE, &each), (Ink::BLUE, &mean), (Ink::WHITE, &seen)])?.finish()
 }
 
@@ -89,7 +95,7 @@ pub fn corners_to_touch(
         canvas.label(Pixel::at(pixel.u + size_px * 0.7, pixel.v - size_px * 0.4), &label, size_px, Ink::YELLOW)?;
     }
     let legend = [
-        (Ink::ORANGE, "touch these in their order: 1 is the origin, 4 is the check"),
+        (Ink::ORANGE, "touch these corners in this order: 1 is the origin, 4 is the check point"),
         (Ink::BLUE, "found corners"),
     ];
     canvas.with_legend(&legend)?.finish()

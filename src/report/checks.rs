@@ -23,7 +23,7 @@ pub fn check_row(check: &Check, beside: &str) -> Row {
     }
     let value = match value {
         None => NOT_MEASURED.to_owned(),
-        Some(value) if is_beyond => format!("{}{beside}, not allowed", with_unit(value)),
+        Some(value) if is_beyond => format!("{}{beside}, outside of the limit", with_unit(value)),
         Some(value) => format!("{}{beside}", with_unit(value)),
     };
     let set_by = match &check.set_by {
@@ -61,7 +61,10 @@ mod tests {
         let check = Check::new("residual", "mm", 0.3);
         let of_recipe = check.clone().at_most(0.25, SetBy::recipe("locate.max_rms_mm"));
         let row = check_row(&of_recipe, "");
-        assert_eq!((&*row.value, &*row.allowed), ("0.3 mm, not allowed", "≤ 0.25 mm (recipe, locate.max_rms_mm)"));
+        assert_eq!(
+            (&*row.value, &*row.allowed),
+            ("0.3 mm, outside of the limit", "≤ 0.25 mm (recipe, locate.max_rms_mm)")
+        );
         assert_eq!(check_row(&check.at_most(0.25, SetBy::Program), "").allowed, "≤ 0.25 mm");
     }
 }

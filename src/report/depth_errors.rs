@@ -53,13 +53,16 @@ pub fn depth_error_map(camera: &PinholeCamera, found: &ScannerErrors) -> Result<
         canvas.label(line(2.0), &scans(part.scans), text_px, Ink::WHITE)?;
     }
     let same = match found.field {
-        Some(_) => format!("the same in each scan, corrected from now on; amounts at {REFERENCE_DEPTH_MM:.0} mm"),
-        None => "nothing is the same in each scan".to_owned(),
+        Some(_) => format!(
+            "error that is the same in each scan, corrected from now on; values at a distance of \
+             {REFERENCE_DEPTH_MM:.0} mm"
+        ),
+        None => "no error is the same in each scan".to_owned(),
     };
     let far = format!("measured {most_mm:.2} mm or more too far");
     let near = format!("measured {most_mm:.2} mm or more too near");
-    let left = "left: remaining distance of the scans from a plane there, mm rms";
-    let unknown = format!("fewer than {MIN_SCANS} scans have the board there");
+    let left = "left: remaining deviation of the scans from a plane, mm rms";
+    let unknown = format!("the board was there in fewer than {MIN_SCANS} scans");
     let legend = [(Ink::WHITE, same.as_str()), (FAR, &far), (NEAR, &near), (Ink::WHITE, left), (UNKNOWN, &unknown)];
     canvas.with_legend(&legend)?.finish()
 }

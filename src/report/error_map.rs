@@ -54,8 +54,8 @@ pub fn error_map(title: &str, places: &[Left], limit_mm: f64) -> String {
             rect width="100%" height="100%" fill="white" {}
             text x=(MARGIN_PX) y="24" font-size="16" { (title) }
             text x=(MARGIN_PX) y="46" {
-                (places.len()) " places, " (format_args!("{rms_mm:.3} mm rms, {worst_mm:.3} mm at most")) "; blue: at most "
-                (limit_mm) " mm, orange with a rim: more; a circle's radius is its error"
+                (places.len()) " places, " (format_args!("{rms_mm:.3} mm rms, largest {worst_mm:.3} mm")) "; blue: at most "
+                (limit_mm) " mm, orange with a rim: above this limit; the radius of each circle shows its error"
             }
             @for one in [(1, "y"), (2, "z")].into_iter().enumerate() { (view(one)) }
         }

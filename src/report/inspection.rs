@@ -33,14 +33,19 @@ fn section(heading: &str, text: String, rows: Vec<Row>) -> Section {
 fn seen(inspection: &Inspection, figures: Vec<Figure>) -> Section {
     let row = |(index, found): (usize, &crate::inspect::Break)| {
         let grids: Vec<String> = found.grids.iter().map(ToString::to_string).collect();
-        let closed = if found.closed_again() { "; the film closed over it again" } else { "" };
-        let value =
-            format!("{:.1} mm² from {:.1} s, in {}{closed}", found.area_mm2, found.first_seen_s, grids.join(", "));
+        let closed = if found.closed_again() { "; the film closed again" } else { "" };
+        let value = format!(
+            "{:.1} mm², first seen at {:.1} s, in {}{closed}",
+            found.area_mm2,
+            found.first_seen_s,
+            grids.join(", ")
+        );
         Row::new(&format!("break {}", index + 1), value, "")
     };
     let rows = inspection.breaks.iter().enumerate().map(row).collect();
     let text = format!(
-        "{} places where the film broke. Times count from the first fully wet picture; areas are on the curved surface.",
+        "The film broke at {} places. Times count from the first fully wet picture; areas are measured on the \
+         curved surface.",
         inspection.breaks.len()
     );
     Section { figures, ..section("What broke", text, rows) }
@@ -52,8 +57,8 @@ fn grids(inspection: &Inspection) -> Section {
         let word = match (grid.failed, grid.seen) {
             (true, _) => "failed",
             (false, true) => "passed",
-            (false, false) if grid.wet_when_dry => "not passed: wet already in the dry picture",
-            (false, false) => "not passed: not wholly seen",
+            (false, false) if grid.wet_when_dry => "not passed: already wet in the dry picture",
+            (false, false) => "not passed: not completely seen",
         };
         let when = grid.time_to_break_s.map(|time_s| format!(" from {time_s:.1} s")).unwrap_or_default();
         let share = if grid.seen { String::new() } else { format!(", {:.0} % seen", 100.0 * footprint.seen_share) };
@@ -66,15 +71,15 @@ fn grids(inspection: &Inspection) -> Section {
         Row::new(&grid.id.to_string(), value, &limit)
     };
     let rows = inspection.grids.iter().zip(inspection.footprint.grids()).map(row).collect();
-    section("Grids", "Broken film in each.".to_owned(), rows)
+    section("Grids", "Area of broken film in each grid.".to_owned(), rows)
 }
 
 /// The numbers by which the film as a whole was judged; the results of each grid have a section of their own.
 fn watched(inspection: &Inspection) -> Section {
     let of_film = inspection.checks.iter().take_while(|check| check.name != name::UNSEEN_GRIDS);
     let rows = of_film.map(|check| check_row(check, "")).collect();
-    let text = "Every number with its limit. A part of a test is no test.".to_owned();
-    section("How the film was watched", text, rows)
+    let text = "Every measured value with its limit. A test that is not complete has no result.".to_owned();
+    section("How the film was observed", text, rows)
 }
 
 fn signature(inspection: &Inspection, recipe: &Recipe) -> Section {
@@ -89,5 +94,10 @@ fn signature(inspection: &Inspection, recipe: &Recipe) -> Section {
         Row::new("film watched", format!("{:.1} s", inspection.observation.observed_s), ""),
     ];
     rows.extend(["inspector", "date", "signature"].map(|name| Row::new(name, BLANK, "")));
-    section("Inspector", "Who signs has looked at the pictures (ASTM F22).".to_owned(), rows)
+    section(
+        "Inspector",
+        "With the signature, the inspector confirms that he or she has examined the pictures (ASTM F22)."
+            .to_owned(),
+        rows,
+    )
 }

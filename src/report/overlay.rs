@@ -125,7 +125,9 @@ impl View<'_> {
         }
         let mut legend = vec![(Ink::BLUE, "taught panel"), (Ink::WHITE, "grids")];
         legend.extend((!corners.is_empty()).then_some((Ink::ORANGE, "taught corner")));
-        legend.extend((!panel.held_px.is_empty()).then_some((Ink::VERMILLION, "held place: not used")));
+        legend.extend(
+            (!panel.held_px.is_empty()).then_some((Ink::VERMILLION, "held place (holder or clamp): not used")),
+        );
         self.framed(canvas, panel, &legend)
     }
 
@@ -137,7 +139,7 @@ impl View<'_> {
         let mut canvas = Canvas::on(self.picture)?;
         self.outline(&mut canvas, panel, Pen { ink: Ink::ORANGE, width_px: self.line_px() })?;
         self.draw_grids(&mut canvas, &panel.grids, &|_| false)?;
-        self.framed(canvas, panel, &[(Ink::ORANGE, "taught outline at the place found"), (Ink::WHITE, "grids")])
+        self.framed(canvas, panel, &[(Ink::ORANGE, "taught outline at the found pose"), (Ink::WHITE, "grids")])
     }
 
     /// Draws the broken area, tinted and outlined; the area not seen, outlined, if it is known yet; and failed

@@ -34,10 +34,10 @@ struct Dots {
 const DOTS: [Dots; 4] = [
     Dots {
         codes: &["poor_fit", "bent", "not_converged"],
-        caption: "How far the scan lies from the taught surface",
+        caption: "Distance of the scan from the taught surface",
         ink: residual_ink,
         legend: &[
-            (Ink::VERMILLION, "scan {full} mm or more before it"),
+            (Ink::VERMILLION, "scan {full} mm or more in front of it"),
             (Ink::WHITE, "on the taught surface"),
             (Ink::BLUE, "scan {full} mm or more behind it"),
         ],
@@ -46,11 +46,14 @@ const DOTS: [Dots; 4] = [
         codes: &["seen_through"],
         caption: "Where the taught panel is missing",
         ink: |mark| (mark == SurfaceMark::Through).then_some(Ink::VERMILLION),
-        legend: &[(Ink::VERMILLION, "the scan sees something behind"), (Ink::GREEN, "outline found")],
+        legend: &[
+            (Ink::VERMILLION, "the scan sees an object behind the taught surface"),
+            (Ink::GREEN, "outline found"),
+        ],
     },
     Dots {
         codes: &["points_missing"],
-        caption: "Where the panel gave no points",
+        caption: "Where the scan has no points on the panel",
         ink: |mark| (mark == SurfaceMark::Missing).then_some(Ink::YELLOW),
         legend: &[(Ink::YELLOW, "no point"), (Ink::GREEN, "outline found")],
     },
@@ -65,7 +68,7 @@ const DOTS: [Dots; 4] = [
         },
         legend: &[
             (Ink::ORANGE, "hidden"),
-            (Ink::VERMILLION, "something behind is seen"),
+            (Ink::VERMILLION, "an object behind it is visible"),
             (Ink::YELLOW, "no point"),
             (Ink::GREEN, "outline found"),
         ],
@@ -124,11 +127,11 @@ impl View<'_> {
             return Some((self.dots(panel, explained, dots), dots.caption));
         }
         Some(match &*reason.code {
-            "no_panel" => (self.things(explained), "What is in the search box, thing by thing"),
+            "no_panel" => (self.things(explained), "Objects in the search box"),
             "outline_differs" => {
                 let legend = [
                     (Ink::GREEN, "outline found"),
-                    (Ink::VERMILLION, "not where it was taught"),
+                    (Ink::VERMILLION, "not at the taught position"),
                     (Ink::WHITE, "hidden or out of view"),
                 ];
                 let picture = self.picture.clone();
@@ -141,18 +144,18 @@ impl View<'_> {
             "marks_differ" => {
                 let legend = [
                     (Ink::GREEN, "mark found"),
-                    (Ink::VERMILLION, "not where it was taught"),
+                    (Ink::VERMILLION, "not at the taught position"),
                     (Ink::WHITE, "hidden or out of view"),
                 ];
-                (self.with_marks(panel, explained, &legend), "Where the panel's marks differ from the taught ones")
+                (self.with_marks(panel, explained, &legend), "Where the panel's marks differ from the taught marks")
             }
             "overexposed" => {
                 let legend = [(Ink::VERMILLION, "overexposed"), (Ink::GREEN, "outline found")];
-                (self.marked(self.overexposed(), panel, explained, &legend), "What is overexposed")
+                (self.marked(self.overexposed(), panel, explained, &legend), "Overexposed parts of the picture")
             }
-            "blurred" => (self.close(explained.widest?), "The panel's edge where it is least sharp"),
+            "blurred" => (self.close(explained.widest?), "The least sharp part of the panel's edge"),
             "camera_moved" | "camera_unwatched" => {
-                (self.fixture(explained), "The fixture's edges as taught, over the new picture")
+                (self.fixture(explained), "Taught edges of the fixture, drawn over the new picture")
             }
             "uncertain" | "starts_disagree" => {
                 (self.weakest(panel, explained), "The direction in which the pose is least certain")
@@ -160,13 +163,13 @@ impl View<'_> {
             "ambiguous" => {
                 let (fit, rival) = fit.and_then(|fit| Some((fit, fit.rival?)))?;
                 let other = fit.base_from_panel.inverse() * rival.base_from_panel;
-                let legend = [(Ink::ORANGE, "the first placement"), (Ink::BLUE, "the other")];
-                (self.twice(panel, other, legend), "Two placements that explain the scan about equally well")
+                let legend = [(Ink::ORANGE, "first pose"), (Ink::BLUE, "other pose")];
+                (self.twice(panel, other, legend), "Two poses that fit the scan about equally well")
             }
             "shift_limit" | "turn_limit" | "tilt_limit" => {
                 let nominal = fit?.base_from_panel.inverse() * panel_from_base_at_teaching().inverse();
-                let legend = [(Ink::ORANGE, "its present place"), (Ink::BLUE, "its nominal place")];
-                (self.twice(panel, nominal, legend), "The panel's present place and its nominal place")
+                let legend = [(Ink::ORANGE, "present pose"), (Ink::BLUE, "nominal pose")];
+                (self.twice(panel, nominal, legend), "The panel's present pose and its nominal pose")
             }
             _ => return None,
         })
@@ -260,7 +263,7 @@ impl View<'_> {
         let legend = [
             (Ink::GREEN, "edge of the fixture that has not moved"),
             (Ink::VERMILLION, &*moved),
-            (Ink::BLUE, "no fixture there: hidden, gone, or no point"),
+            (Ink::BLUE, "no fixture seen: hidden, removed, or no 3D point"),
         ];
         Canvas::on(&picture)?.with_legend(&legend)?.finish()
     }
@@ -274,8 +277,8 @@ impl View<'_> {
             canvas.polyline(&[*from, *to], false, pen(Ink::VERMILLION))?;
         }
         canvas.polyline(&found, true, pen(Ink::ORANGE))?;
-        let meaning = format!("moved by its error (95 %), drawn {ENLARGED:.0} times larger");
-        self.framed(canvas, panel, &[(Ink::ORANGE, "the place found"), (Ink::VERMILLION, &meaning)])
+        let meaning = format!("shifted by the pose error (95 %), drawn {ENLARGED:.0} times larger");
+        self.framed(canvas, panel, &[(Ink::ORANGE, "found pose"), (Ink::VERMILLION, &meaning)])
     }
 
     /// Draws the panel at the found pose and at another pose.
@@ -296,8 +299,11 @@ impl View<'_> {
             view.hand(&mut canvas, panel, pen)?;
         }
         canvas.scale_bar_within(self.px_per_mm(panel.centre()))?;
-        let legend =
-            [legend[0], legend[1], (Ink::WHITE, "from the middle to the first corner of the first grid, ringed")];
+        let legend = [
+            legend[0],
+            legend[1],
+            (Ink::WHITE, "from the panel's centre to the first corner (ringed) of the first grid"),
+        ];
         canvas.with_legend(&legend)?.finish()
     }
 
@@ -317,10 +323,10 @@ impl View<'_> {
             for pixel in places {
                 dot(&mut picture, *pixel, explained.block_px, ink);
             }
-            legend.push((ink, format!("a thing of {:.0} cm2", area_mm2 / 100.0)));
+            legend.push((ink, format!("object of {:.0} cm2", area_mm2 / 100.0)));
         }
         if legend.is_empty() {
-            legend.push((Ink::WHITE, "nothing is in the search box".to_owned()));
+            legend.push((Ink::WHITE, "the search box is empty".to_owned()));
         }
         let legend: Vec<(Ink, &str)> = legend.iter().map(|(ink, text)| (*ink, text.as_str())).collect();
         Canvas::on(&picture)?.with_legend(&legend)?.finish()

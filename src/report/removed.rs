@@ -53,13 +53,13 @@ pub fn removal_map(
             let mark = if depth_um == target_um { ", the target" } else { "" };
             (ink(depth_um), format!("{} µm{mark}", fixed(depth_um, 1)))
         })
-        .chain([(ink(max_um), format!("{} µm, the most allowed", fixed(max_um, 1)))])
+        .chain([(ink(max_um), format!("{} µm, the limit", fixed(max_um, 1)))])
         .collect();
     let mut legend: Vec<(Ink, &str)> = words.iter().map(|(ink, text)| (*ink, text.as_str())).collect();
     legend.extend([
-        (TOO_DEEP, "more than that (hatched)"),
+        (TOO_DEEP, "more than the limit (hatched)"),
         (NOTHING, "nothing removed"),
-        (NO_PANEL, "not looked at"),
+        (NO_PANEL, "not evaluated"),
     ]);
     unrolled.finished(&painted, (region, &sizes), &legend)
 }

@@ -49,8 +49,8 @@ pub fn region_in_scan<F: Frame>(
     }
     let said = legend(scan);
     let lines = [
-        (Ink::WHITE, "the region of the recipe: corners_px, from the first to the fourth"),
-        (Ink::BLUE, "corner that can be used"),
+        (Ink::WHITE, "region of the recipe: corners_px, from the first to the fourth"),
+        (Ink::BLUE, "usable corner of the region"),
         (Ink::VERMILLION, "wrong corner"),
         (MISSING, &*said),
     ];

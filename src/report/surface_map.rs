@@ -29,7 +29,7 @@ pub fn surface_map(map: &DeviationMap) -> Result<ColorPicture, ImagingError> {
     let side_mm = (2 * MEAN_RADIUS_PX + 1) as f64 * map.mm_per_px();
     let front = format!("scan {FULL_MM} mm or more in front of the surface, mean over {side_mm:.1} mm");
     let behind = format!("scan {FULL_MM} mm or more behind it");
-    drawn(map, FULL_MM, [&front, "scan on the surface", &behind, "point left out of the fit", "no point"])
+    drawn(map, FULL_MM, [&front, "scan on the surface", &behind, "point excluded from the fit", "no point"])
 }
 
 /// Draws the map of today's surface compared with the taught one, or with the drawing; at this deviation it has full
@@ -44,7 +44,7 @@ pub fn today_map(map: &DeviationMap, reference: Reference, full_mm: f64) -> Resu
         Reference::Drawing { .. } => "as drawn",
     };
     let behind = format!("panel {full_mm} mm or more behind it");
-    drawn(map, full_mm, [&front, level, &behind, "left out", "not seen by the scan"])
+    drawn(map, full_mm, [&front, level, &behind, "excluded from the fit", "not seen by the scan"])
 }
 
 fn drawn(

@@ -10,8 +10,8 @@ use crate::files::content_hash;
 use std::path::Path;
 
 /// What makes calibrations.
-pub const CALIBRATION_ADVICE: &str = "`panelprep demo` makes it for config/cell.toml, `panelprep render` for another simulated \
-                                      cell, `panelprep calibrate` for a real one";
+pub const CALIBRATION_ADVICE: &str = "`panelprep demo` creates this file for config/cell.toml, `panelprep render` for \
+                                      another simulated cell, `panelprep calibrate` for a real cell";
 
 /// A file that a cell's file names, as its reader found it.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -51,10 +51,12 @@ pub(super) fn unmet(cell: &Cell, purpose: Purpose, read: ReadNamed<'_>) -> Vec<U
         let (lack, message) = match read(file) {
             NamedFile::NotLookedAt => return None,
             NamedFile::Missing if key.starts_with("calibration.") && !std::mem::replace(&mut has_advised, true) => {
-                (Lack::MissingFile, format!("names {name}, which is not there; {CALIBRATION_ADVICE}"))
+                (Lack::MissingFile, format!("names the file {name}, which does not exist; {CALIBRATION_ADVICE}"))
             }
-            NamedFile::Missing => (Lack::MissingFile, format!("names {name}, which is not there")),
-            NamedFile::Unreadable(why) => (Lack::WrongFile, format!("names {name}, which cannot be read: {why}")),
+            NamedFile::Missing => (Lack::MissingFile, format!("names the file {name}, which does not exist")),
+            NamedFile::Unreadable(why) => {
+                (Lack::WrongFile, format!("names the file {name}, which cannot be read: {why}"))
+            }
             NamedFile::Text(text) => {
                 let problems = check(&key, &name, &text, &correction).err()?;
                 (Lack::WrongFile, format!("names a file that is not valid: {}", first(&problems)))
@@ -127,8 +129,8 @@ fn mounted<M: Mount>(name: &str, text: &str, correction: &Correction) -> Result<
     if is_ours {
         return Ok(mount);
     }
-    let message = "it was measured with another correction of the arm than [calibration] robot_correction, or with none: \
-                   calibrate it again, or name that correction";
+    let message = "the calibration was measured with another robot correction than [calibration] robot_correction, or \
+                   with none: calibrate again, or name that robot correction";
     Err(problem(name, text, format!("{}.robot_correction", M::TABLE), message))
 }
 
@@ -178,7 +180,10 @@ mod tests {
         let keys: Vec<&str> = missing.iter().map(|(key, _)| key.as_str()).collect();
         assert!(keys.len() >= 5 && keys.iter().all(|key| key.starts_with("calibration.")), "{keys:?}");
         let advised = missing.iter().filter(|(_, message)| message.contains("panelprep calibrate")).count();
-        assert_eq!((advised, missing[0].1.contains("which is not there; `panelprep demo` makes it")), (1, true));
+        assert_eq!(
+            (advised, missing[0].1.contains("which does not exist; `panelprep demo` creates this file")),
+            (1, true)
+        );
         let wrong = found(WHOLE, &|_| NamedFile::Text("wavelength = 3".to_owned()));
         assert_eq!(wrong.len(), missing.len(), "{wrong:?}");
         assert!(wrong[0].1.contains("scanner.toml:1: wavelength: unknown key"), "{wrong:?}");
@@ -204,7 +209,7 @@ mod tests {
             };
             let all = found(cell, &read);
             let of_tool = all.into_iter().filter(|(key, message)| {
-                key == "calibration.flange_from_tool" && message.contains("another correction of the arm")
+                key == "calibration.flange_from_tool" && message.contains("another robot correction")
             });
             of_tool.count()
         };

@@ -25,8 +25,8 @@ pub enum ForceMismatch {
     },
     /// The stated force exceeds the tool's force.
     #[error(
-        "the recipe states [path] force_n = {found_n}; with its band of {band_n} N and the weight of its payload, {} N, which \
-         a tool that points up lifts as well, it exceeds [tool] max_force_n, {most_n}",
+        "[path] force_n = {found_n} of the recipe is too high: with the tool's band of {band_n} N and the weight of \
+         its payload, {} N, it exceeds [tool] max_force_n = {most_n}. Lower the force",
         fixed(*weight_n, 1)
     )]
     TooMuchForce {

@@ -64,10 +64,10 @@ pub fn verify(all: &[Signed], keys: &[PublicKey], head: Option<&Signed>) -> Veri
                 verified.found.extend(misplaced(signed, &one.statement));
                 match whole.get(&one.statement.number) {
                     Some(other) if other.hash == one.hash => {
-                        verified.found.push(format!("{} and {} are the same record", other.name, one.name));
+                        verified.found.push(format!("{} and {} contain the same record", other.name, one.name));
                     }
                     Some(other) => verified.found.push(format!(
-                        "{} and {} both are record number {}: the chain was forked",
+                        "{} and {} both have the record number {}: the chain was forked",
                         other.name, one.name, one.statement.number
                     )),
                     None => {
@@ -99,14 +99,14 @@ fn read<'s>(signed: &'s Signed, keys: &[PublicKey]) -> Result<Whole<'s>, String>
             Ok(Whole { name, statement, hash: hash(bytes) })
         }
         (Some(_), Ok(statement)) => {
-            Err(format!("{name} names another key than the one that signed it, {}", statement.public_key))
+            Err(format!("{name} was signed with another key than the key that it names, {}", statement.public_key))
         }
         (Some(_), Err(error)) => Err(format!("{name}: {error}")),
         (None, Ok(statement)) if keys.iter().all(|key| key.hex() != statement.public_key) => Err(format!(
-            "{name} was changed, or signed by a key that was not given: it names the key {}",
+            "{name} was changed, or was signed with a key that was not given; it names the key {}",
             statement.public_key
         )),
-        (None, _) => Err(format!("{name} was changed: the signature is not one of these bytes")),
+        (None, _) => Err(format!("{name} was changed: the signature does not match its content")),
     }
 }
 
@@ -118,8 +118,13 @@ fn misplaced(signed: &Signed, statement: &Statement) -> Option<String> {
         (Claim::Cycle(id), StatementContent::Cycle(cycle)) => cycle.id == id,
         (Claim::Cycle(_), StatementContent::Person(_)) => false,
     };
-    let words =
-        |number, cycle| format!("{} holds record number {number}, of cycle {cycle}: it was exchanged", signed.name);
+    let words = |number, cycle| {
+        format!(
+            "{} contains record number {number} of cycle {cycle}, not the record in its file name: the file was \
+             exchanged",
+            signed.name
+        )
+    };
     (!is_there).then(|| words(statement.number, statement.cycle()))
 }
 
@@ -143,8 +148,10 @@ fn broken(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<String> {
             Some(_) | None => None,
         };
         if expected.is_some_and(|expected| expected != one.statement.previous) {
-            found
-                .push(format!("{name}, record number {number}, does not follow from record number {}", number - 1));
+            found.push(format!(
+                "the chain is broken: {name}, record number {number}, does not contain the hash of record number {}",
+                number - 1
+            ));
         }
         before = Some(one);
     }
@@ -181,7 +188,7 @@ fn unbound(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<String> {
         let records: Vec<&Whole<'_>> = whole.values().filter(of_cycle).collect();
         if !records.is_empty() && records.iter().all(|record| record.hash != person.record_hash) {
             found.push(format!(
-                "{}: {} signed another record of cycle {} than this one",
+                "{}: {} signed another version of the record of cycle {}",
                 one.name, person.name, person.cycle
             ));
         }
@@ -199,7 +206,7 @@ fn unearned(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<String> {
                 found.extend(record.unearned().into_iter().map(|words| format!("{}: {words}", one.name)));
             }
             Err(error) => {
-                found.push(format!("{}: its verdict cannot be compared with its findings: {error}", one.name))
+                found.push(format!("{}: cannot compare the verdict with the findings: {error}", one.name))
             }
         }
     }
@@ -210,11 +217,11 @@ fn unearned(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<String> {
 fn beyond(whole: &BTreeMap<u64, Whole<'_>>, signed: &Signed, keys: &[PublicKey]) -> Vec<String> {
     let name = &signed.name;
     if !keys.iter().any(|key| key.verifies(&signed.bytes, &signed.signature)) {
-        return vec![format!("the head {name} was changed: the signature is not one of these bytes")];
+        return vec![format!("the chain head {name} was changed: the signature does not match its content")];
     }
     let head = match SignedHead::read(&signed.bytes) {
         Ok(head) => head,
-        Err(error) => return vec![format!("the head {name}: {error}")],
+        Err(error) => return vec![format!("the chain head {name}: {error}")],
     };
     let mut found = Vec::new();
     if whole.is_empty() && head.number > 0 {
@@ -223,13 +230,16 @@ fn beyond(whole: &BTreeMap<u64, Whole<'_>>, signed: &Signed, keys: &[PublicKey])
     let last = whole.keys().next_back().copied().unwrap_or(0);
     if last < head.number && last > 0 {
         found.push(format!(
-            "rolled back: the head {name} is at record number {}; {}",
+            "rolled back: the chain head {name} is at record number {}; {}",
             head.number,
             missing((last + 1, head.number))
         ));
     }
     if let Some(one) = whole.get(&head.number).filter(|one| one.hash != head.hash) {
-        found.push(format!("{} is not the record number {} that the head {name} names", one.name, head.number));
+        found.push(format!(
+            "{} differs from record number {} that the chain head {name} names",
+            one.name, head.number
+        ));
     }
     found
 }

@@ -42,7 +42,7 @@ fn compare(at: &str, signed: &Value, now: &Value, found: &mut Vec<String>) {
             }
         }
         (Value::Number(signed), Value::Number(now)) if COUNTING.contains(&at) && grew(signed, now) => {}
-        _ => found.push(format!("{at}: signed was {}, there is {}", short(signed), short(now))),
+        _ => found.push(format!("{at}: signed value {}, present value {}", short(signed), short(now))),
     }
 }
 

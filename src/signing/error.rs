@@ -5,8 +5,7 @@
 pub enum SigningError {
     /// No private key.
     #[error(
-        "this is not a private ed25519 key ({problem}); valid: a PEM file, as `openssl genpkey -algorithm ed25519` \
-         writes it"
+        "not a valid private ed25519 key ({problem}); valid: a PEM file from `openssl genpkey -algorithm ed25519`"
     )]
     PrivateKey {
         /// The problem that was found.
@@ -14,17 +13,15 @@ pub enum SigningError {
     },
     /// No public key.
     #[error(
-        "this is not a public ed25519 key ({problem}); valid: the PEM file next to the cell's key, or several in \
-         one file"
+        "not a valid public ed25519 key ({problem}); valid: the PEM file next to the cell's key, or several such \
+         keys in one file"
     )]
     PublicKey {
         /// The problem that was found.
         problem: String,
     },
     /// The text is not a statement of this form.
-    #[error(
-        "this is not a signed record ({problem}); valid: an unchanged file that `panelprep record export` wrote"
-    )]
+    #[error("not a valid signed record ({problem}); valid: an unchanged file from `panelprep record export`")]
     Form {
         /// The problem that was found.
         problem: String,

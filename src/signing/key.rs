@@ -74,7 +74,7 @@ impl PublicKey {
                 .map_err(|error| problem(error.to_string()))
         };
         let keys: Vec<Self> = blocks.map(key).collect::<Result<_, _>>()?;
-        if keys.is_empty() { Err(problem("it has no block PUBLIC KEY".to_owned())) } else { Ok(keys) }
+        if keys.is_empty() { Err(problem("the file contains no PUBLIC KEY block".to_owned())) } else { Ok(keys) }
     }
 
     /// Reads the key from 64 hexadecimal digits, as a statement names it.
@@ -86,7 +86,7 @@ impl PublicKey {
         let digit = |pair: &[u8]| u8::from_str_radix(std::str::from_utf8(pair).ok()?, 16).ok();
         let bytes: Option<Vec<u8>> = hex.as_bytes().chunks(2).map(digit).collect();
         let bytes: Option<[u8; 32]> = bytes.and_then(|bytes| bytes.try_into().ok());
-        let bytes = bytes.ok_or_else(|| problem("it has not 64 hexadecimal digits"))?;
+        let bytes = bytes.ok_or_else(|| problem("the key does not have 64 hexadecimal digits"))?;
         VerifyingKey::from_bytes(&bytes).map(PublicKey).map_err(|error| problem(&error.to_string()))
     }
 

@@ -70,7 +70,7 @@ impl SignedPage {
         let page: SignedPage = read(bytes)?;
         match page.form.as_str() {
             FORM => Ok(page),
-            other => Err(SigningError::form(format!("its form is \"{other}\", a signed page has \"{FORM}\""))),
+            other => Err(SigningError::form(format!("the field \"form\" is \"{other}\", expected \"{FORM}\""))),
         }
     }
 }
@@ -104,21 +104,27 @@ fn wrong_page(
     };
     let signs = keys.iter().find(|key| key.verifies(bytes, signature));
     let page = match (signs, SignedPage::read(bytes)) {
-        (None, _) => return vec![format!("{json} was changed, or signed by a key that was not given")],
+        (None, _) => return vec![format!("{json} was changed, or was signed with a key that was not given")],
         (_, Err(error)) => return vec![format!("{json}: {error}")],
         (Some(key), Ok(page)) if page.public_key == key.hex() => page,
         (Some(_), Ok(page)) => {
-            return vec![format!("{json} names another key than the one that signed it, {}", page.public_key)];
+            return vec![format!(
+                "{json} was signed with another key than the key that it names, {}",
+                page.public_key
+            )];
         }
     };
     if page.cycle != cycle {
-        return vec![format!("{json} is of cycle {}: it was exchanged", page.cycle)];
+        return vec![format!("{json} belongs to cycle {}: the file was exchanged", page.cycle)];
     }
     let mut found = Vec::new();
     match pdfs.get(&pdf) {
         None => found.push(format!("{pdf} is missing; its signed page {json} exists")),
         Some(hash) if *hash != page.pdf_sha256 => {
-            found.push(format!("{pdf} was changed: its SHA-256 is {hash}, the cell signed {}", page.pdf_sha256));
+            found.push(format!(
+                "{pdf} was changed: its SHA-256 is {hash}, the signed SHA-256 is {}",
+                page.pdf_sha256
+            ));
         }
         Some(_) => {}
     }
@@ -129,9 +135,9 @@ fn wrong_page(
     let last = of_cycle().map(|(number, _)| *number).max().unwrap_or(0);
     if !of_cycle().any(|(_, (statement, hash))| is_record(statement, hash)) {
         let record = cycle_stem(cycle);
-        found.push(format!("{json} is of another record than {record}.json, or that is missing or was changed"));
+        found.push(format!("{json} does not belong to {record}.json, or {record}.json is missing or was changed"));
     } else if last > page.shows_number {
-        found.push(format!("{pdf} was made before record number {last} of this cycle was signed: export it again"));
+        found.push(format!("{pdf} is older than signed record number {last} of this cycle: export the page again"));
     }
     found
 }

@@ -160,7 +160,7 @@ impl Statement {
         let statement: Statement = read(bytes)?;
         match statement.form.as_str() {
             FORM => Ok(statement),
-            other => Err(SigningError::form(format!("its form is \"{other}\", known is \"{FORM}\""))),
+            other => Err(SigningError::form(format!("the field \"form\" is \"{other}\", expected \"{FORM}\""))),
         }
     }
 
@@ -199,7 +199,9 @@ impl SignedHead {
         let head: SignedHead = read(bytes)?;
         match head.form.as_str() {
             HEAD_FORM => Ok(head),
-            other => Err(SigningError::form(format!("its form is \"{other}\", a head has \"{HEAD_FORM}\""))),
+            other => {
+                Err(SigningError::form(format!("the field \"form\" is \"{other}\", expected \"{HEAD_FORM}\"")))
+            }
         }
     }
 }
@@ -208,7 +210,7 @@ impl SignedHead {
 pub(super) fn read<T: serde::de::DeserializeOwned>(bytes: &[u8]) -> Result<T, SigningError> {
     let value: Value = serde_json::from_slice(bytes).map_err(SigningError::form)?;
     if canonical(&value)? != bytes {
-        return Err(SigningError::form("its bytes are not in canonical form"));
+        return Err(SigningError::form("the JSON text is not in canonical form"));
     }
     serde_json::from_value(value).map_err(SigningError::form)
 }

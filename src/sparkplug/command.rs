@@ -71,7 +71,7 @@ impl NodeCommand {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum CommandError {
     /// The message is no payload of Sparkplug B.
-    #[error("the message is no Sparkplug B payload: {problem}")]
+    #[error("the message is not a Sparkplug B payload: {problem}")]
     NotAPayload {
         /// The error in the message.
         problem: String,
@@ -89,7 +89,7 @@ pub enum CommandError {
         allowed: String,
     },
     /// The metric does not exist, or is read-only.
-    #[error("found the metric {found}; valid: {allowed}")]
+    #[error("the metric {found} cannot be written; valid: {allowed}")]
     NotWritten {
         /// The metric's name or alias.
         found: String,
@@ -97,13 +97,13 @@ pub enum CommandError {
         allowed: String,
     },
     /// The cell's file does not allow the command.
-    #[error("{name} is not allowed here, as [sparkplug] commands in the cell's file states")]
+    #[error("{name} is not permitted by [sparkplug] commands in the cell's file")]
     NotPermitted {
         /// Its metric.
         name: &'static str,
     },
     /// The value is not true.
-    #[error("{name} was written with another value; valid: the Boolean true")]
+    #[error("the value of {name} is not valid; valid: the Boolean true")]
     NotTrue {
         /// Its metric.
         name: &'static str,
@@ -166,6 +166,6 @@ fn describe(metric: &Metric) -> String {
             Some((_, known)) => format!("\"{}\", which is read-only", known.name),
             None => format!("with the alias {number}"),
         },
-        (None, None) => "without name and alias".to_owned(),
+        (None, None) => "without a name or an alias".to_owned(),
     }
 }

@@ -298,7 +298,7 @@ impl EdgeNode {
 
     fn asked(&mut self, command: NodeCommand, now: Now) -> Vec<NodeAction> {
         if command == NodeCommand::Rebirth && self.session != Session::Born {
-            let refused = "nothing is published while the primary host is offline".to_owned();
+            let refused = "the node publishes nothing while the primary host is offline".to_owned();
             return self.refuse(command.word(), None, refused);
         }
         match self.commands.asked(command, now.steady_ms) {
@@ -324,7 +324,8 @@ impl EdgeNode {
 
     fn host_told(&mut self, payload: &[u8], now: Now) -> Vec<NodeAction> {
         let Some(state) = HostState::read(payload) else {
-            let refused = "the primary host's state is no JSON object with \"online\" and \"timestamp\"".to_owned();
+            let refused =
+                "the primary host's state is not a JSON object with \"online\" and \"timestamp\"".to_owned();
             return self.refuse("host state", None, refused);
         };
         self.host = self.host.with_state(state);
@@ -342,7 +343,7 @@ impl EdgeNode {
             acts.extend(may.then(|| self.pass_on(command, now)).into_iter().flatten());
         }
         if let Some(left_out) = self.lines.minute_over(now.steady_ms) {
-            let refused = format!("{left_out} further messages of the last minute have no line of their own");
+            let refused = format!("{left_out} further messages within one minute were not recorded individually");
             let note = AuditNote { what: "flood".to_owned(), subject: None, refused: Some(refused) };
             acts.push(NodeAction::Note(note));
         }

@@ -108,8 +108,8 @@ pub fn off_limit_mm(settings: &recipe::Path) -> f64 {
 impl Abraded {
     /// Draws how long, and how often, each place was under the disc.
     pub fn drawn(&self, region: &Region) -> [Drawing; 2] {
-        let time = "How long each place was under the disc, by the poses that the robot reported";
-        let often = "How often the disc passed each place, by the same poses";
+        let time = "Time that each place was under the disc, from the poses that the robot reported";
+        let often = "Number of disc passes over each place, from the poses that the robot reported";
         [
             Drawing::new("executed", time, dwell_map(&self.dwell, region)),
             Drawing::new("overlap", often, overlap_map(&self.dwell, region)),
@@ -118,7 +118,7 @@ impl Abraded {
 
     /// The removal, if it is known.
     pub fn drawn_removal(&self, panel: &TaughtPanel) -> Option<Drawing> {
-        let caption = "Depth removed by this and earlier passes of this part, calculated from the poses that the \
+        let caption = "Depth removed by this and earlier passes on this part, calculated from the poses that the \
                        robot reported, µm";
         self.removed.as_ref().map(|removed| removed.drawn(panel, ("removal_executed", caption)))
     }
@@ -131,19 +131,23 @@ impl Abraded {
         // Full coverage is not expected of a path that was cut short.
         let is_not_covered = self.progress.is_whole() && begun > 0.0;
         [
-            Check::new(name::EXECUTED, "", f64::from(done))
-                .at_least(f64::from(waypoints), SetBy::Program)
-                .reviews("part", || {
-                    format!("the robot executed {done} of {waypoints} waypoints; the rest is left")
-                }),
+            Check::new(name::EXECUTED, "", f64::from(done)).at_least(f64::from(waypoints), SetBy::Program).reviews(
+                "part",
+                || {
+                    format!(
+                        "the robot executed only {done} of {waypoints} waypoints; the remaining path was not \
+                         executed"
+                    )
+                },
+            ),
             Check::new(name::BEGUN, "", begun).at_most(0.0, SetBy::Program).broken(
                 is_not_covered,
                 Severity::Review,
                 "not_covered",
                 || {
                     format!(
-                        "by the poses that the robot reported, the disc did not reach all of the planned area of \
-                         {}; the next film will show the result",
+                        "according to the poses that the robot reported, the disc did not cover all of the planned \
+                         area of {}; the next water-break test will show the result",
                         names(&self.begun).join(", ")
                     )
                 },
@@ -152,7 +156,7 @@ impl Abraded {
                 "off_path",
                 || {
                     let [off, allowed] = apart(off_mm, allowed_mm, 2);
-                    format!("the robot reported a pose {off} mm off the planned path (limit {allowed} mm)")
+                    format!("the robot reported a pose {off} mm away from the planned path (limit {allowed} mm)")
                 },
             ),
             self.longer_check(),
@@ -170,8 +174,9 @@ impl Abraded {
             || {
                 let [found, allowed] = apart(ratio, LONGER_REVIEW, 2);
                 format!(
-                    "{id} was under the disc for {found} times as long as planned, the limit is {allowed} times (from \
-                     {LONGER_REJECT} on the part is rejected); was the override below 100 %, or is the robot slower than the feed?"
+                    "{id} was under the disc {found} times as long as planned (limit {allowed} times; above \
+                     {LONGER_REJECT} times the part is rejected); check that the override is 100 % and that the \
+                     robot reaches the feed"
                 )
             },
         )

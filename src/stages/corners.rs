@@ -148,9 +148,7 @@ impl Taught<'_> {
             px_per_mm: self.camera.px_per_mm_at(in_camera.mm.z).0,
         };
         let which = sighting.corner + 1;
-        let caption = format!(
-            "The flange camera's picture of corner {which}, {title}: its expected place and its found place"
-        );
+        let caption = format!("Flange camera picture of corner {which}, {title}: expected and found position");
         Some(Drawing::new(name, caption, view.drawn(title)))
     }
 }
@@ -207,7 +205,11 @@ impl Views {
             Check::new(name::MOVES, "", self.progress.moves as f64)
                 .at_most(limits.max_moves() as f64, SetBy::recipe("corner.max_moves")),
             Check::new(name::CORNERS, "", seen as f64).broken(is_unseen, Severity::Reject, "corner_unseen", || {
-                format!("after {} moves, [corner] max_moves, a corner has not been seen", limits.max_moves())
+                format!(
+                    "not all corners were seen within {} moves ([corner] max_moves); clear what covers the corner \
+                     or blocks the arm's way to it",
+                    limits.max_moves()
+                )
             }),
         ]
     }
@@ -217,7 +219,7 @@ fn not_settled(step_mm: f64, limits: &recipe::Corner) -> String {
     let (settled_mm, moves) = (limits.settled_mm(), limits.max_moves());
     let [step, settled] = apart(step_mm, settled_mm, 2);
     format!(
-        "after {moves} moves, [corner] max_moves, a corner is still {step} mm from its expected place (limit \
+        "after {moves} moves ([corner] max_moves), a corner is still {step} mm from its expected position (limit \
          {settled} mm, settled_mm); check the hand-eye calibration, and that the panel does not move"
     )
 }

@@ -131,24 +131,24 @@ impl Filmed {
         let mut drawings = vec![
             Drawing::new(
                 "film",
-                "The film in time, seconds after the panel was wholly wet: broken film tinted yellow",
+                "The film over time, in seconds after the panel was completely wet; broken film is tinted yellow",
                 self.strip.drawn(inspection, last),
             ),
             Drawing::new(
                 "inspected",
-                "Everything that broke by the end of the film, what was not seen, and the grids that failed",
+                "All broken film at the end of the observation, areas that were not seen, and failed grids",
                 view.inspected(setup.panel, &inspection.mask(), Some(&inspection.not_seen()), &failed),
             ),
             Drawing::new(
                 "break_times",
-                "When the film broke, from the first fully wet picture on",
+                "Time at which the film broke, from the first fully wet picture on",
                 view.break_times(setup.panel, &time_s, end_s),
             ),
         ];
         let close = view.failed_grids(&inspection.mask(), &failed_grids(setup.panel, inspection));
         if let Some(picture) = close.transpose() {
-            let caption =
-                "Each grid that failed, at the end of the film: what broke, how much, and when it was too much";
+            let caption = "Each failed grid at the end of the observation: the broken area, its size, and the time \
+                           at which it reached the limit";
             drawings.push(Drawing::new("failed_grids", caption, picture));
         }
         drawings

@@ -74,7 +74,7 @@ impl Located<'_> {
     pub fn drawn_place(&self, picture: &ColorPicture) -> Option<Drawing> {
         let camera_from_panel = self.view.base_from_camera.inverse() * self.fit.as_ref()?.base_from_panel;
         let view = report::View { picture, camera: self.view.camera, camera_from_panel };
-        let caption = "The scan's picture with the taught outline and grids at the place found";
+        let caption = "Scan picture with the taught outline and grids at the found pose";
         Some(Drawing::new("located", caption, view.located(self.panel)))
     }
 

@@ -135,7 +135,7 @@ impl Planned {
 
     /// The path's removal, if it is known.
     pub fn drawn_removal(&self, panel: &TaughtPanel) -> Option<Drawing> {
-        let caption = "Depth that this path and earlier passes of this part remove, µm";
+        let caption = "Depth that this path and earlier passes on this part remove, µm";
         self.removed.as_ref().map(|removed| removed.drawn(panel, ("removal_planned", caption)))
     }
 

@@ -177,12 +177,14 @@ impl Removed {
     /// Returns lines of text for a person.
     pub fn words(&self) -> Vec<String> {
         let [target_um, max_um] = self.limits_um;
-        let Some(found) = &self.figures else { return vec!["removal            nothing is treated".to_owned()] };
+        let Some(found) = &self.figures else {
+            return vec!["removal            the path treats no area".to_owned()];
+        };
         let [largest, most] = apart(found.largest_bound_um, max_um, 1);
         vec![
             format!(
-                "removal            {:8} µm in the mean of {} µm wanted, ± {} % (95 %); {} µm at 5 % of the treated area, {} µm \
-                 at 95 %",
+                "removal            {:8} µm on average (target {} µm), ± {} % (95 %); 5th percentile of the \
+                 treated area {} µm, 95th percentile {} µm",
                 fixed(found.mean_um, 1),
                 fixed(target_um, 1),
                 fixed(found.uncertainty_percent, 0),
@@ -190,8 +192,8 @@ impl Removed {
                 fixed(found.high_um, 1)
             ),
             format!(
-                "                   {:8} µm at most, with 95 % no more than {largest} µm of {most}; 95 % of the area within {} % \
-                 of the target",
+                "                   {:8} µm at the deepest place, upper 95 % bound {largest} µm (limit {most} µm); \
+                 95 % of the area within {} % of the target",
                 fixed(found.largest_um, 1),
                 fixed(found.within_percent, 1)
             ),

@@ -125,8 +125,8 @@ pub fn today((panel, taught): (&TaughtPanel, &Fit), points: &[TodaysPoint], limi
             let checks = deviations(&todays, reference, limits).into();
             let picture = today_map(&todays.map, reference, limits.max_deviation_mm());
             let caption = match reference {
-                Reference::Scan => "How far the panel lies today in front of the taught one, or behind it",
-                Reference::Drawing { .. } => "How far the panel lies today in front of its drawing, or behind it",
+                Reference::Scan => "Distance of today's panel surface in front of or behind the taught surface",
+                Reference::Drawing { .. } => "Distance of today's panel surface in front of or behind the drawing",
             };
             let drawing = Some(Drawing::new("deviation", caption, picture));
             if limits.method() == FitMethod::Thesis {
@@ -164,12 +164,12 @@ fn deviations(todays: &Todays, reference: Reference, limits: &recipe::Surface) -
             .reviews("deviates", || {
                 let [mm, limit_mm] = apart(deviation_mm, limit_mm, 2);
                 let (other, clamped) = match reference {
-                    Reference::Scan => (reference.word(), "clamped as it was taught"),
-                    Reference::Drawing { .. } => (reference.word(), "clamped without a bend"),
+                    Reference::Scan => (reference.word(), "that it is clamped as at teaching"),
+                    Reference::Drawing { .. } => (reference.word(), "that it is clamped without a bend"),
                 };
                 format!(
-                    "the panel is up to {mm} mm from {other} (limit {limit_mm} mm): look at the map of its deviation; \
-                     check that it is the right panel, {clamped}"
+                    "the panel's surface is up to {mm} mm from {other} (limit {limit_mm} mm): look at the \
+                     deviation map; check that it is the right panel and {clamped}"
                 )
             }),
         Check::new("residual of today's surface, rms", "mm", rms_mm)
@@ -177,8 +177,9 @@ fn deviations(todays: &Todays, reference: Reference, limits: &recipe::Surface) -
             .reviews("rough_today", || {
                 let [mm, limit_mm] = apart(rms_mm, limit_rms_mm, 3);
                 format!(
-                    "the scan's points are {mm} mm (rms) from today's surface (limit {limit_mm} mm): it bends \
-                     within less than 70 mm, or the scan is poor; look at the panel, then scan again"
+                    "the scan points are {mm} mm rms from the surface fitted to today's scan (limit {limit_mm} \
+                     mm): the panel bends within less than 70 mm, or the scan is noisy; inspect the panel, then \
+                     scan again"
                 )
             }),
         Check::new("region that today's scan does not show", "%", percent)
@@ -186,8 +187,8 @@ fn deviations(todays: &Todays, reference: Reference, limits: &recipe::Surface) -
             .reviews("hidden_today", || {
                 let [percent, limit_percent] = apart(percent, limit_percent, 1);
                 format!(
-                    "{percent} % of the region is hidden in the scan or has something on it (limit {limit_percent} \
-                     %); the surface is not known there: remove what hides it, then locate again"
+                    "{percent} % of the region is hidden in the scan or covered by an object (limit \
+                     {limit_percent} %), so the surface there is unknown: remove the object, then locate again"
                 )
             }),
         Check::new("largest square that today's scan does not show", "mm", hole_mm)
@@ -195,8 +196,8 @@ fn deviations(todays: &Todays, reference: Reference, limits: &recipe::Surface) -
             .reviews("hidden_today", || {
                 let [mm, limit_mm] = apart(hole_mm, limit_hole_mm, 1);
                 format!(
-                    "a square of {mm} mm of the region is hidden, or something lies on it (limit {limit_mm} mm): \
-                     look at the map of the deviation, remove what lies there, then locate again"
+                    "a square of {mm} mm side length in the region is hidden or covered by an object (limit \
+                     {limit_mm} mm): look at the deviation map, remove the object, then locate again"
                 )
             }),
     ]

@@ -80,7 +80,7 @@ impl Store {
             self.fullness.fill();
             // Once only: a second failure with the reserve gone is reported as a full disk.
             if self.reserve.release() {
-                tracing::warn!("the disk of the store is full; the reserve of {} MB is used", reserve::MB);
+                tracing::warn!("the disk of the store is full; the reserve of {} MB is released", reserve::MB);
                 done = self.attempt(&write);
             }
         }

@@ -89,7 +89,9 @@ impl Store {
             .optional()
             .map_err(|error| self.failed("read the motions of", &error))?;
         let Some(open) = open else {
-            return Err(StoreError::MotionNotOpen { motion: "motion to permit waypoints of".to_owned() });
+            return Err(StoreError::MotionNotOpen {
+                motion: "motion for which waypoints can be permitted".to_owned(),
+            });
         };
         let unix_ms = unix_ms(self.clock());
         self.commit("write a motion to", |writing| {

@@ -117,7 +117,10 @@ pub(super) fn keep_earlier(connection: &Connection, folder: &Path, version: i64)
     let part = folder.join(format!("panelprep.schema-{version}.part"));
     let remove = || {
         for file in [part.clone(), folder.join(format!("panelprep.schema-{version}.part-journal"))] {
-            #[expect(clippy::let_underscore_must_use, reason = "what cannot be removed is told by what comes next")]
+            #[expect(
+                clippy::let_underscore_must_use,
+                reason = "a file that cannot be removed is reported by the next step"
+            )]
             let _ = fs::remove_file(file);
         }
     };

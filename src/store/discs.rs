@@ -23,7 +23,7 @@ impl Store {
     /// If the store is open for reading or cannot be written, or the area is no number.
     pub fn wear_disc(&mut self, cycle: Option<CycleId>, swept_mm2: f64) -> Result<(), StoreError> {
         if !swept_mm2.is_finite() {
-            return Err(StoreError::NotFinite { name: "swept by the disc".to_owned() });
+            return Err(StoreError::NotFinite { name: "area swept by the disc".to_owned() });
         }
         self.keep_disc(cycle, false, swept_mm2)
     }

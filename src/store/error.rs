@@ -27,13 +27,14 @@ pub enum StoreError {
         problem: String,
     },
     /// There is no store to read.
-    #[error("there is no store in {}; `panelprep teach` makes one: teach a panel first, or name the folder that holds the store", path.display())]
+    #[error("no store found in {}; teach a panel first (`panelprep teach` creates the store), or name the folder \
+             of the store", path.display())]
     Missing {
         /// The folder.
         path: PathBuf,
     },
     /// Another writer.
-    #[error("{holder} is writing to the store {}; stop it first, or name another store", path.display())]
+    #[error("{holder} is writing to the store {}; stop that process first, or name another store", path.display())]
     Leased {
         /// The folder.
         path: PathBuf,
@@ -65,7 +66,7 @@ pub enum StoreError {
         problem: String,
     },
     /// An earlier append failed.
-    #[error("an earlier write to the journal of {} failed; nothing more is appended until the program starts again", path.display())]
+    #[error("an earlier write to the journal of {} failed, so nothing more is written; restart the program", path.display())]
     JournalInDoubt {
         /// The database.
         path: PathBuf,
@@ -77,7 +78,7 @@ pub enum StoreError {
         motion: String,
     },
     /// No such verification.
-    #[error("the store {} has no verification {number}; `panelprep calibrate history` lists them", path.display())]
+    #[error("the store {} has no verification {number}; `panelprep calibrate history` lists the verifications", path.display())]
     UnknownVerification {
         /// The database.
         path: PathBuf,
@@ -85,7 +86,7 @@ pub enum StoreError {
         number: i64,
     },
     /// The verification is already struck out.
-    #[error("verification {number} of the store {} is struck out already, by {by}", path.display())]
+    #[error("verification {number} of the store {} is already struck out, by {by}", path.display())]
     StruckAlready {
         /// The database.
         path: PathBuf,
@@ -108,7 +109,7 @@ pub enum StoreError {
     #[error("{0}")]
     CountUnknown(LostCount),
     /// A row cannot be decoded.
-    #[error("a row of the store {} does not read back: {problem}; restore it from a copy", path.display())]
+    #[error("a row of the store {} cannot be decoded: {problem}; restore the store from a copy", path.display())]
     Unreadable {
         /// The database.
         path: PathBuf,
@@ -116,14 +117,15 @@ pub enum StoreError {
         problem: String,
     },
     /// A number that JSON cannot represent.
-    #[error("the number '{name}' is NaN or infinite; a value that was not measured is None")]
+    #[error("the value '{name}' is NaN or infinite; store None for a value that was not measured")]
     NotFinite {
         /// The number.
         name: String,
     },
     /// The store was written by a later version of this program.
     #[error(
-        "the store {} has schema {found}, this program knows up to {known}: use the newer program, or another folder",
+        "the store {} has schema {found}, this program supports schemas up to {known}: use the newer program, or \
+         another folder",
         path.display()
     )]
     Newer {
@@ -136,8 +138,8 @@ pub enum StoreError {
     },
     /// The store was written by an earlier version of this program and is not yet updated.
     #[error(
-        "the store {} has schema {found}, this program works with {known}: start the service once (`panelprep run`), which keeps a \
-         copy of its database and brings it up to date; then try again",
+        "the store {} has schema {found}, this program needs schema {known}. Start the service once (`panelprep \
+         run`): it keeps a copy of the database and updates it. Then try again",
         path.display()
     )]
     Older {
@@ -163,7 +165,7 @@ pub enum StoreError {
         found: String,
     },
     /// A stored row was changed.
-    #[error("version {version} of the taught panel '{name}' is damaged: {problem}; teach it again")]
+    #[error("version {version} of the taught panel '{name}' is damaged: {problem}; teach the panel again")]
     DamagedRow {
         /// The panel.
         name: String,
@@ -173,7 +175,7 @@ pub enum StoreError {
         problem: String,
     },
     /// A pose that cannot be stored.
-    #[error("corner {corner} has a flange pose with NaN or infinite numbers")]
+    #[error("corner {corner} has a flange pose with NaN or infinite values; teach the corner again")]
     Pose {
         /// The corner, from 1.
         corner: usize,
@@ -189,7 +191,7 @@ pub enum StoreError {
         known: Vec<String>,
     },
     /// No such version.
-    #[error("the panel '{name}' has no version {version}; there are, oldest first: {}", known.join(", "))]
+    #[error("the panel '{name}' has no version {version}; versions, oldest first: {}", known.join(", "))]
     UnknownVersion {
         /// The panel.
         name: String,
@@ -209,7 +211,7 @@ pub enum StoreError {
         problem: String,
     },
     /// The person has already signed the record with this meaning.
-    #[error("{name} has signed the record of cycle {cycle} as {meaning} already, {at}")]
+    #[error("{name} has already signed the record of cycle {cycle} as {meaning}, {at}")]
     SignedAlready {
         /// Who.
         name: String,
@@ -221,7 +223,8 @@ pub enum StoreError {
         at: String,
     },
     /// Other processes signed at the same time, in every attempt.
-    #[error("the store {} was signed by other processes meanwhile, ten times in a row; try again", path.display())]
+    #[error("the record cannot be signed: other processes signed in the store {} at the same time, in ten \
+             attempts; try again", path.display())]
     SignedMeanwhile {
         /// The database.
         path: PathBuf,
@@ -235,7 +238,7 @@ pub enum StoreError {
         source: crate::signing::SigningError,
     },
     /// The disk is full.
-    #[error("the disk of the store {} is full ({free_mb} MB are left); {advice}", path.display())]
+    #[error("the disk of the store {} is full ({free_mb} MB free); {advice}", path.display())]
     Full {
         /// The folder.
         path: PathBuf,
@@ -254,8 +257,8 @@ impl StoreError {
 
 fn known_names(nearest: Option<&str>, known: &[String]) -> String {
     match (nearest, known) {
-        (_, []) => "none was, in this store: run panelprep teach first".to_owned(),
-        (Some(nearest), _) => format!("did you mean '{nearest}'? There are: {}", known.join(", ")),
-        (None, _) => format!("there are: {}", known.join(", ")),
+        (_, []) => "the store contains no taught panel: run panelprep teach first".to_owned(),
+        (Some(nearest), _) => format!("did you mean '{nearest}'? Taught panels: {}", known.join(", ")),
+        (None, _) => format!("taught panels: {}", known.join(", ")),
     }
 }

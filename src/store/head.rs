@@ -80,7 +80,7 @@ impl Drop for Turn<'_> {
 fn acquire_turn<'f>(file: &'f File, turns: &'f Turns) -> Result<Turn<'f>, Error> {
     let since = Instant::now();
     let _in_turn = turns.acquire(LOCK_TIMEOUT).ok_or_else(|| {
-        Error::new(ErrorKind::TimedOut, "another thread of this program has been writing to it for 5 s")
+        Error::new(ErrorKind::TimedOut, "another thread of this program has held the lock for 5 s")
     })?;
     loop {
         match file.try_lock() {
@@ -89,7 +89,7 @@ fn acquire_turn<'f>(file: &'f File, turns: &'f Turns) -> Result<Turn<'f>, Error>
                 std::thread::sleep(Duration::from_millis(1));
             }
             Err(TryLockError::WouldBlock) => {
-                return Err(Error::new(ErrorKind::TimedOut, "another process has been writing to it for 5 s"));
+                return Err(Error::new(ErrorKind::TimedOut, "another process has held the lock for 5 s"));
             }
             Err(TryLockError::Error(error)) => return Err(error),
         }
@@ -177,7 +177,7 @@ fn read_from(file: &File) -> Result<Option<Read>, Error> {
         Some((count, head)) => Ok(Some(Read { head: *head, is_damaged, count: *count })),
         None if !is_damaged || bytes.is_empty() => Ok(None),
         // An empty file may be new; two damaged copies are not, and must not be taken for a store without a past.
-        None => Err(Error::new(ErrorKind::InvalidData, "both of its copies are damaged")),
+        None => Err(Error::new(ErrorKind::InvalidData, "both copies in the head file are damaged")),
     }
 }
 

@@ -168,10 +168,13 @@ impl Store {
             let line = line.map_err(failed)?;
             // A missing line in the middle would fold to another state without any error.
             if line.sequence != expected {
-                return Err(self.journal_problem(expected, format!("the next line is {}", line.sequence)));
+                return Err(self.journal_problem(
+                    expected,
+                    format!("the line is missing; the next line is {}", line.sequence),
+                ));
             }
             if line.chained(&before) != line.chain {
-                return Err(self.journal_problem(expected, "it is not what was written".to_owned()));
+                return Err(self.journal_problem(expected, "the line differs from what was written".to_owned()));
             }
             let event = serde_json::from_str(&line.event);
             each(

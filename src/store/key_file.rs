@@ -69,8 +69,8 @@ fn is_private(file: &Path) -> Result<(), StoreError> {
         return Ok(());
     }
     let words = format!(
-        "users other than its owner may use it (mode {mode:03o}, valid: 600): chmod 600 it, or replace it if \
-         others have read it"
+        "users other than its owner can use the file (mode {mode:03o}, valid: 600): run chmod 600, or replace the \
+         key if others may have read it"
     );
     Err(file_error("use", file)(io::Error::new(ErrorKind::PermissionDenied, words)))
 }

@@ -87,9 +87,10 @@ impl Store {
             // requires.
             let cleared = (!self.changed.is_empty()).then_some((motion, Outcome::Cleared, 0));
             let Some((_, outcome, done)) = closed.or(cleared) else {
-                return Err(
-                    self.journal_problem(0, format!("it does not know of the open motion {}", self.text(&motion)?))
-                );
+                return Err(self.journal_problem(
+                    0,
+                    format!("the journal does not contain the open motion {}", self.text(&motion)?),
+                ));
             };
             self.close_intent(&motion, outcome, done)?;
             open = None;

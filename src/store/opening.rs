@@ -108,7 +108,7 @@ impl Store {
             store.recover()?;
             store.keep_incident(&store.changed.clone())?;
             // The office may already have the numbers of the missing rows.
-            store.begin_epoch("rows of the store were found changed or gone")?;
+            store.begin_epoch("rows of the store were changed or are missing")?;
         }
         store.begin_epoch_if_restored()?;
         if let Err(error) = store.reserve.allocate() {
@@ -202,7 +202,10 @@ impl Drop for Store {
             return;
         }
         let database = if is_log_left { None } else { file_hash(&path).ok() };
-        #[expect(clippy::let_underscore_must_use, reason = "without it the head says the same of the chain")]
+        #[expect(
+            clippy::let_underscore_must_use,
+            reason = "without this write the head still describes the same end of the chain"
+        )]
         let _ = head.acquire_turn().and_then(|_turn| head.close(last, database));
     }
 }

@@ -193,7 +193,7 @@ impl Store {
         let OutboxRow { position, kind, row_key, unix_ms } = row;
         let unknown = || StoreError::Unreadable {
             path: self.path().to_owned(),
-            problem: format!("number {} of the office's outbox is of the unknown kind \"{kind}\"", position.number),
+            problem: format!("record {} of the office's outbox has the unknown kind \"{kind}\"", position.number),
         };
         let body = match Kind::of_word(&kind).ok_or_else(unknown)? {
             Kind::Cycle => self.cycle_end(CycleId(row_key))?,

@@ -90,14 +90,13 @@ pub(super) fn differences(connection: &Connection, blobs: &Blobs) -> Result<Vec<
         match row {
             Some(row) if row == part => {}
             Some(_) => found.push(format!(
-                "changed: the part of cycle {cycle} is not the one that was recorded with the \
-                                    cycle"
+                "changed: the part of cycle {cycle} differs from the part that was recorded with the cycle"
             )),
             None => found.push(format!("deleted: the part of cycle {cycle} is missing from the table of parts")),
         }
     }
     let more =
-        rows.keys().map(|cycle| format!("put in: the part of cycle {cycle}, with which no part was recorded"));
+        rows.keys().map(|cycle| format!("inserted: a part of cycle {cycle}, with which no part was recorded"));
     found.extend(more);
     Ok(found)
 }

@@ -122,7 +122,7 @@ impl Store {
             let mut rows = self.connection.prepare(sql)?;
             rows.query_map(values, |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
         };
-        read().map_err(|error| self.failed("read the people of", &error))
+        read().map_err(|error| self.failed("read the accounts or the audit trail of", &error))
     }
 }
 

@@ -42,7 +42,7 @@ impl Reserve {
         if taken.is_err() {
             #[expect(
                 clippy::let_underscore_must_use,
-                reason = "a partial reserve would only occupy disk space that others need"
+                reason = "a partial reserve would only use disk space that other files need"
             )]
             let _ = fs::remove_file(&self.path);
         }
@@ -55,8 +55,7 @@ impl Reserve {
         if released && let Some(folder) = self.path.parent() {
             #[expect(
                 clippy::let_underscore_must_use,
-                reason = "the blocks are free once the folder is on the disk; if that fails, the next write \
-                          reports it"
+                reason = "the space is free after the folder is flushed; if that fails, the next write reports it"
             )]
             let _ = flush::names(folder);
         }
@@ -98,7 +97,9 @@ fn advice(folder: &Path) -> String {
     let mb = sizes.iter().sum::<u64>() / 1_000_000;
     let recordings = match sizes.len() {
         0 => "files of other programs on this disk".to_owned(),
-        count => format!("recordings that were looked at ({count} files, {mb} MB, in {})", recordings.display()),
+        count => {
+            format!("recordings that are no longer needed ({count} files, {mb} MB, in {})", recordings.display())
+        }
     };
     format!(
         "delete {recordings}, or set [store] keep in the cell's file, which removes clips and scans of old cycles; \

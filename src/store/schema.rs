@@ -118,7 +118,7 @@ pub(super) fn differences(connection: &Connection) -> Result<Vec<String>, rusqli
     let gone = ours
         .iter()
         .filter(|entry| !found.contains(entry))
-        .map(|(name, _)| format!("{name} was changed or is gone"));
+        .map(|(name, _)| format!("{name} was changed or is missing"));
     let more = found.iter().filter(|(name, _)| !ours.iter().any(|(own, _)| own == name));
     let more = more.map(|(name, _)| format!("{name} does not belong to this program"));
     let mut told: Vec<String> =

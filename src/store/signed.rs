@@ -53,7 +53,10 @@ impl Store {
         let place = &statement.store;
         let here = if place.link == 0 { Ok(None) } else { self.link_hash(place.link) };
         if place.link > 0 && here.ok().flatten().map(|hash| hex(&hash)).as_ref() != Some(&place.hash) {
-            found.push(format!("link {} of the chain is not the one that signature {number} names", place.link));
+            found.push(format!(
+                "link {} of the chain differs from the link that signature {number} names",
+                place.link
+            ));
         }
         if let StatementContent::Cycle(signed) = &statement.says {
             found.extend(self.cycle_contradicts(number, signed));
@@ -65,14 +68,14 @@ impl Store {
         let CycleId(id) = signed.id;
         let now = match self.cycle_to_sign(signed.id) {
             Ok(now) => now,
-            Err(error) => return vec![format!("cycle {id}, which signature {number} is of: {error}")],
+            Err(error) => return vec![format!("cycle {id}, named by signature {number}, cannot be read: {error}")],
         };
         let mut found: Vec<String> = differences(&signed.record, &now.record)
             .into_iter()
-            .map(|words| format!("cycle {id} is not what was signed, at {words}"))
+            .map(|words| format!("cycle {id} differs from its signed record at {words}"))
             .collect();
         if signed.part.is_some() && now.part != signed.part {
-            found.push(format!("cycle {id} is not what was signed: the signed record has another part"));
+            found.push(format!("cycle {id} differs from its signed record: the signed record names another part"));
         }
         found
     }

@@ -136,7 +136,7 @@ impl Store {
             problem,
         };
         if record.version() != stored_version {
-            return Err(damaged(format!("its content is that of version {}", record.version())));
+            return Err(damaged(format!("the content is that of version {}", record.version())));
         }
         let corner = |(picture_hash, pose): &(String, String)| {
             let base_from_flange = read_flange(pose.as_bytes()).map_err(|error| damaged(error.to_string()))?;

@@ -124,7 +124,7 @@ impl Store {
             && written != found
         {
             verified.found.push(format!(
-                "the file {DATABASE} was written to after the program closed it: its SHA-256 is {}, and was {}",
+                "the file {DATABASE} was changed after the program closed it: its SHA-256 is {}, expected {}",
                 hex(&found),
                 hex(&written)
             ));
@@ -161,7 +161,9 @@ impl Store {
                         Ok(_) => verified.files += 1,
                         Err(_) if removed.contains(&hash) && !folder.join(&hash).exists() => verified.pruned += 1,
                         Err(StoreError::File { source, .. }) if source.kind() == std::io::ErrorKind::NotFound => {
-                            verified.found.push(format!("the file blobs/{hash} is missing, and nobody removed it"));
+                            verified
+                                .found
+                                .push(format!("the file blobs/{hash} is missing, and no removal was recorded"));
                         }
                         Err(error) => verified.found.push(error.to_string()),
                     }
@@ -207,19 +209,20 @@ impl Store {
         let here = if at.link == 0 { Ok(Some(ChainPosition::BEGIN.hash)) } else { self.link_hash(at.link) };
         found.push(match here {
             _ if at.link > end => format!(
-                "rolled back: {} writings at the end of the chain are gone, links {} to {}; the head outside is {}",
+                "rolled back: {} entries at the end of the chain are missing, links {} to {}; the hash in the head \
+                 file is {}",
                 at.link - end,
                 end + 1,
                 at.link,
                 hex(&at.hash)
             ),
             Ok(Some(hash)) if hash == at.hash => format!(
-                "{} entries at the end of the chain were added by something other than this program, links {} to {end}",
+                "{} entries at the end of the chain were not added by this program, links {} to {end}",
                 end - at.link,
                 at.link + 1
             ),
             Ok(_) => format!(
-                "the chain was written anew: its link {} is not the head outside, {}",
+                "the chain was rewritten: link {} does not have the hash in the head file, {}",
                 at.link,
                 hex(&at.hash)
             ),
@@ -256,7 +259,9 @@ impl Store {
         let mut found = std::mem::take(&mut walk.links);
         let rest = found.len().saturating_sub(MAX_MESSAGES);
         found.truncate(MAX_MESSAGES);
-        found.extend((rest > 0).then(|| format!("{rest} more links of the chain do not follow from those before")));
+        found.extend(
+            (rest > 0).then(|| format!("{rest} further links of the chain do not match the links before them")),
+        );
         let count = walk.count;
         found.extend(walk.words());
         found.extend(walked.err().map(|error| format!("the chain or a row cannot be read: {error}")));
@@ -296,11 +301,10 @@ impl Walk {
         }
         let expected = ChainPosition { link: link - 1, ..before }.followed_by(&name, key, &row_hash);
         if expected.hash != hash {
-            self.links
-                .push(format!("link {link} of the chain is not what was written, or not where it was written"));
+            self.links.push(format!("link {link} of the chain was changed or moved"));
         }
         match chain::part(&name) {
-            None => self.links.push(format!("link {link} of the chain names no table of this program: {name}")),
+            None => self.links.push(format!("link {link} of the chain names an unknown table: {name}")),
             Some(part) if part.is_replaced => {
                 self.last.insert((part.name, key), row_hash);
                 self.written.entry(part.name).or_default().push(key);
@@ -366,7 +370,7 @@ impl Walk {
             .collect();
         for (name, key, from) in &exchanged {
             let words = chain::part(name).map_or(*name, |part| part.words);
-            told.push(format!("reordered: {words} {key} holds what was written as {words} {from}"));
+            told.push(format!("reordered: {words} {key} contains what was written as {words} {from}"));
         }
         self.wrong
             .retain(|(name, _, key)| !exchanged.iter().any(|(part, number, _)| part == name && number == key));
@@ -385,9 +389,9 @@ impl Walk {
             let range =
                 if first == last { format!("{words} {first}") } else { format!("{words} {first} to {last}") };
             told.push(match wrong {
-                RowFault::Changed => format!("changed: {range} is not what was written"),
+                RowFault::Changed => format!("changed: {range} differs from what was written"),
                 RowFault::Missing => format!("deleted: {range} is missing"),
-                RowFault::PutIn => format!("put in: {range} was not written by this program"),
+                RowFault::PutIn => format!("inserted: {range} was not written by this program"),
                 RowFault::Unreadable => format!("damaged: {range} cannot be read"),
                 RowFault::Twice => format!("changed: {range} was written a second time"),
             });

@@ -29,7 +29,7 @@ pub enum SurfaceError {
         needed: usize,
     },
     /// The side that the camera saw cannot be determined.
-    #[error("the surface has no normal in its middle, or the camera looks along it")]
+    #[error("the surface has no normal in its middle, or the camera's view is parallel to it")]
     NoSide,
 }
 

@@ -17,8 +17,8 @@ pub enum FitError {
     NoPoints,
     /// The control points are closer together than the scan's points.
     #[error(
-        "a span of {spacing_mm} mm has only {pixels} pixels at ({:.0}, {:.0}) px, at least {MIN_PIXELS} are \
-         needed; raise [surface] control_spacing_mm", at.u, at.v
+        "a span of the spline surface of {spacing_mm} mm has only {pixels} pixels at ({:.0}, {:.0}) px, at least \
+         {MIN_PIXELS} are needed; raise [surface] control_spacing_mm", at.u, at.v
     )]
     TooFine {
         /// The recipe's spacing, mm.
@@ -30,7 +30,8 @@ pub enum FitError {
     },
     /// A hole.
     #[error(
-        "the scan has a hole of {} mm at ({:.0}, {:.0}) px, [surface] max_hole_mm allows {}; scan again or move the region",
+        "the scan has a hole of {} mm at ({:.0}, {:.0}) px (limit {} mm, [surface] max_hole_mm); scan again or \
+         move the region",
         apart(*size_mm, *limit_mm, 1)[0], at.u, at.v, apart(*size_mm, *limit_mm, 1)[1]
     )]
     Hole {
@@ -43,7 +44,7 @@ pub enum FitError {
     },
     /// The thesis's method needs a point at a position at which the scan has none.
     #[error(
-        "the scan has no point at ({:.0}, {:.0}) px to be a control point; scan again, or set [surface] method = \
+        "the scan has no point at ({:.0}, {:.0}) px for a control point; scan again, or set [surface] method = \
          \"least-squares\"", at.u, at.v
     )]
     NoControlPoint {
@@ -52,7 +53,8 @@ pub enum FitError {
     },
     /// Too large a part of the region has no valid point.
     #[error(
-        "{} % of the region have no point that fits the surface, [surface] max_missing_percent allows {}",
+        "{} % of the region has no point that fits the surface (limit {} %, [surface] max_missing_percent); scan \
+         again",
         apart(*percent, *limit_percent, 1)[0], apart(*percent, *limit_percent, 1)[1]
     )]
     Missing {
@@ -75,7 +77,7 @@ pub enum FitError {
     },
     /// The deviation is too large.
     #[error(
-        "the scan lies {} mm rms off the surface, [surface] max_rms_mm allows {}; its noise is {} mm, and a smaller \
+        "the scan is {} mm rms off the surface (limit {} mm, [surface] max_rms_mm); its noise is {} mm; a smaller \
          control_spacing_mm follows a rougher panel", apart(*rms_mm, *limit_mm, 3)[0], apart(*rms_mm, *limit_mm, 3)[1],
         fixed(*noise_mm, 3)
     )]

@@ -57,13 +57,13 @@ pub struct Todays {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TodayError {
     /// The scan has no point near the taught region.
-    #[error("the scan in which the panel was located has no point of its region; scan again")]
+    #[error("the scan in which the panel was located has no point in the panel's region; scan again")]
     NoPoints,
     /// The equations have no solution.
     #[error("the scan in which the panel was located does not determine the region's surface; scan again")]
     Undetermined,
     /// The corrected control points do not form a surface.
-    #[error("the surface corrected by today's scan is none: {0}")]
+    #[error("the surface corrected by today's scan is not valid: {0}")]
     Surface(#[from] SurfaceError),
 }
 

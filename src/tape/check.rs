@@ -69,7 +69,7 @@ impl Inventory {
                 let began_ns = self.start()?.unix_ns;
                 let Some(&topic) = self.topics.get(&header.channel_id) else {
                     return Err(TapeError::Foreign {
-                        problem: format!("channel {} is not there", header.channel_id),
+                        problem: format!("channel {} is not defined", header.channel_id),
                     });
                 };
                 let from_s = seconds(header.log_time.saturating_sub(began_ns));
@@ -113,7 +113,7 @@ impl Inventory {
     }
 
     fn ours(&self) -> Result<(), TapeError> {
-        let problem = || format!("it does not begin with a metadata record named \"{METADATA}\"");
+        let problem = || format!("the file does not begin with a metadata record named \"{METADATA}\"");
         if self.is_ours { Ok(()) } else { Err(TapeError::Foreign { problem: problem() }) }
     }
 

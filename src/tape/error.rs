@@ -6,21 +6,21 @@ use super::format::FORMAT;
 #[derive(Debug, thiserror::Error)]
 pub enum TapeError {
     /// Some other file.
-    #[error("this is no MCAP file: {problem}")]
+    #[error("the file is not an MCAP file: {problem}")]
     NotMcap {
         /// The problem with the recording's beginning.
         problem: String,
     },
     /// The recording was written by another program.
-    #[error("this MCAP file is no recording of panelprep: {problem}")]
+    #[error("the MCAP file is not a recording of panelprep: {problem}")]
     Foreign {
         /// The missing or unexpected content.
         problem: String,
     },
     /// The recording has the format of another version of this program.
     #[error(
-        "the recording has format {found} (written by panelprep {program}), this program reads format {FORMAT}; replay it \
-         with a program of its own time"
+        "the recording has format {found} (written by panelprep {program}), this program reads format {FORMAT}; \
+         replay the recording with the version that wrote it"
     )]
     Version {
         /// Its format.
@@ -30,8 +30,8 @@ pub enum TapeError {
     },
     /// The recording ends too early.
     #[error(
-        "the recording was not finished: it ends {until_s:.3} s after its beginning with {entries} whole entries; \
-         the program that wrote it ended too early, or the file was cut"
+        "the recording was not finished: it ends {until_s:.3} s after its beginning with {entries} complete \
+         entries; the program that wrote it ended too early, or the file was cut"
     )]
     Unfinished {
         /// Entries read.
@@ -49,8 +49,8 @@ pub enum TapeError {
     },
     /// The recording itself states that something is missing.
     #[error(
-        "the recording has a gap: {count} entries of {topic}, the first {from_s:.3} s after its beginning, could not be kept \
-         while it was written"
+        "the recording has a gap: {count} entries of {topic}, the first {from_s:.3} s after its beginning, could \
+         not be written"
     )]
     Lost {
         /// The topic.
@@ -63,7 +63,7 @@ pub enum TapeError {
     /// Something is missing.
     #[error(
         "the recording has a gap: {topic} continues with entry {found} after {from_s:.3} s, entry {expected} was \
-         expected; it was changed after it was written"
+         expected; the file was changed after recording"
     )]
     Gap {
         /// The topic.
@@ -77,7 +77,7 @@ pub enum TapeError {
         found: u64,
     },
     /// Times of entries that do not increase.
-    #[error("the recording is not in order: {topic} goes back in time {from_s:.3} s after its beginning")]
+    #[error("the recording is not in order: a timestamp of {topic} decreases {from_s:.3} s after its beginning")]
     Order {
         /// The topic.
         topic: &'static str,
@@ -93,7 +93,7 @@ pub enum TapeError {
         problem: String,
     },
     /// A message that cannot be decoded.
-    #[error("the recording's {topic} does not read {from_s:.3} s after its beginning: {problem}")]
+    #[error("an entry of {topic} cannot be decoded {from_s:.3} s after the recording's beginning: {problem}")]
     Message {
         /// The topic.
         topic: &'static str,

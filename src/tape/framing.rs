@@ -73,7 +73,7 @@ impl Framing {
         let is_chunk = self.head.first() == Some(&op::CHUNK);
         match self.head.get(HEAD_BYTES + BEFORE_NAME..) {
             Some([0, 0, 0, 0]) if is_chunk => {
-                Err(TapeError::Foreign { problem: "it has a chunk that is not packed".to_owned() })
+                Err(TapeError::Foreign { problem: "the file has a chunk that is not compressed".to_owned() })
             }
             _ => Ok(()),
         }
@@ -108,7 +108,7 @@ mod tests {
             };
             assert!(read(&file(b"zstd")).is_ok(), "{step}");
             let error = read(&file(b"")).expect_err("refused").to_string();
-            assert!(error.contains("a chunk that is not packed"), "{step}: {error}");
+            assert!(error.contains("a chunk that is not compressed"), "{step}: {error}");
             // A chunk that ends before the name of its compression is left to the reader, which refuses it.
             assert!(
                 read(&[&file(b"zstd")[..8], &[op::CHUNK, 3, 0, 0, 0, 0, 0, 0, 0, 1, 2, 3, op::HEADER]].concat())

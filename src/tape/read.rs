@@ -120,7 +120,7 @@ struct Answer {
 
 fn shot(topic: Topic, data: &[u8], heard: &Value) -> Result<Shot, String> {
     let answer: Result<Answer, Value> = Result::deserialize(heard).map_err(|error| error.to_string())?;
-    let size_px = answer.map_err(|_| "a picture without an answer".to_owned())?.size_px;
+    let size_px = answer.map_err(|_| "the entry of the picture has no response".to_owned())?.size_px;
     let shot = if topic == Topic::Points {
         let cloud = PointCloud::decode(data).map_err(|error| error.to_string())?;
         Shot::Points(Arc::new(points(&cloud, size_px)?))
@@ -132,7 +132,7 @@ fn shot(topic: Topic, data: &[u8], heard: &Value) -> Result<Shot, String> {
     let found = shot.size_px();
     if found != size_px {
         return Err(format!(
-            "a picture of {}×{} px, but {}×{} px was stated",
+            "the picture has {}×{} px, but its entry states {}×{} px",
             found[0], found[1], size_px[0], size_px[1]
         ));
     }
@@ -145,7 +145,7 @@ const STRIDE_OF_2: usize = 15;
 fn points(cloud: &PointCloud, [width, height]: [usize; 2]) -> Result<OrganizedCloud<Camera>, String> {
     let stride = cloud.point_stride as usize;
     if ![STRIDE_OF_2, STRIDE].contains(&stride) || !cloud.data.len().is_multiple_of(stride) {
-        return Err(format!("points of {stride} bytes; ours have {STRIDE}"));
+        return Err(format!("the points have {stride} bytes each, expected {STRIDE}"));
     }
     // The data that both formats have in common come first.
     let each = || cloud.data.chunks_exact(stride).filter_map(<[u8]>::first_chunk::<STRIDE_OF_2>);

@@ -85,7 +85,7 @@ fn is_whole_attachment(body: &[u8]) -> bool {
 
 /// Returns the topic with this name.
 pub(super) fn topic(name: &str) -> Result<Topic, TapeError> {
-    Topic::named(name).ok_or_else(|| TapeError::Foreign { problem: format!("it has no topic \"{name}\"") })
+    Topic::named(name).ok_or_else(|| TapeError::Foreign { problem: format!("unknown topic \"{name}\"") })
 }
 
 pub(super) fn seconds(ns: u64) -> f64 {

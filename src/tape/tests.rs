@@ -252,7 +252,7 @@ fn other_files_are_refused_with_the_reason() {
     );
     let older = refused(&foreign(&[("format", "1"), ("program", "0.0.1")]));
     assert!(older.contains("format 1 (written by panelprep 0.0.1)"), "{older}");
-    assert!(refused(&foreign(&[])).contains("no recording of panelprep"));
+    assert!(refused(&foreign(&[])).contains("not a recording of panelprep"));
     assert!(refused(&foreign(&[("format", &FORMAT.to_string())])).contains("/chatter"));
     for bytes in [&b""[..], b"P6\n2 2\n255\n", b"\x89MCAP0\r\nand then not"] {
         assert!(matches!(check(bytes), Err(TapeError::NotMcap { .. })), "{bytes:?}");

@@ -208,8 +208,8 @@ impl Check {
         let is_judged = self.is_kept() || self.reason().is_some();
         let (value, bound) = (self.value?, self.limit.bound().filter(|_| !is_judged)?);
         let message = format!(
-            "{}: found {value} {unit} (limit {bound} {unit}), and no rule states the consequence; look at it \
-             before you accept it, and report it as a fault of the program",
+            "{}: found {value} {unit} (limit {bound} {unit}), but the program defines no consequence for this \
+             limit; examine this value before you accept the result, and report a fault of the program",
             self.name,
             unit = self.unit
         );

@@ -178,7 +178,7 @@ fn in_the_store(cell: &Prepared, course: &Course<'_>) -> Vec<String> {
         let ended = course.person.cycles.iter().filter(|(_, cycle)| cycle.verdict.is_some());
         let lacks = ended.flat_map(|(id, _)| {
             let page = cell.in_folder(&format!("cell/store/reports/cycle-{id:06}.html")).is_file();
-            let record = log.contains(&format!("record of cycle {id}: signed"));
+            let record = log.contains(&format!("the record of cycle {id} was signed"));
             [
                 (!page).then(|| format!("cycle {id} has no page")),
                 (!record).then(|| format!("cycle {id} has no record")),

@@ -70,7 +70,7 @@ fn mistakes() -> Vec<Mistake> {
             let [a, b, c] = kuka(pose);
             written(pose, [c, b, a])
         }),
-        pose("A negated", "A has the other sign", |pose| {
+        pose("A negated", "the sign of A is wrong", |pose| {
             let [a, b, c] = kuka(pose);
             written(pose, [-a, b, c])
         }),

@@ -51,7 +51,7 @@ fn bad_input_is_told_and_writes_nothing() {
     for (command, words) in [
         (format!("{lens} {all} large.png"), "large.png has 640 × 480 pixels"),
         (format!("{lens} {all} lens.toml"), "lens.toml"),
-        (format!("{lens} {all}").replace("--square-mm 40", "--square-mm 0"), "the limits are 0.5 to 500"),
+        (format!("{lens} {all}").replace("--square-mm 40", "--square-mm 0"), "limits 0.5 to 500 mm"),
         (format!("{many} few.toml"), "3 of 3 pictures can be used, 5 are needed"),
         (format!("{many} missing.toml"), "33.png is not in the folder"),
         (format!("{many} radians.toml"), "look like radians"),
@@ -118,7 +118,7 @@ fn outside_of_what_a_lens_was_seen_in_nothing_is_measured() {
         .output()
         .expect("the program starts");
     let told = String::from_utf8(output.stdout).expect("UTF-8");
-    assert!(told.contains("known to 0.30 px in 11 % of the picture"), "{told}");
+    assert!(told.contains("lens calibrated to 0.30 px in 11 % of the picture"), "{told}");
 }
 
 /// Full-size pictures without the requested board: another board, fine texture, a plain ground. Whatever it shows,
@@ -163,7 +163,7 @@ fn a_look_without_its_board_ends_soon() {
             .output()
             .expect("a shell");
         let told = String::from_utf8(output.stdout).expect("UTF-8");
-        assert!(told.contains(words) && told.contains("looking for "), "{told}");
+        assert!(told.contains(words) && told.contains("searching for "), "{told}");
         // The shell's last line is the program's processor time: "0m0.52s 0m0.08s".
         let taken = told.lines().last().expect("times").split_whitespace().map(|time| {
             let (minutes, seconds) = time.trim_end_matches('s').split_once('m').expect("minutes");

@@ -65,7 +65,7 @@ fn a_break_that_may_be_missed_and_a_panel_elsewhere_are_no_test() {
     let (exit, files) = json(folder, "render --seed 3 --reduction 4 --seconds 8 --out cell");
     assert_eq!(exit, 0, "{files}");
     let stated = std::fs::read_to_string(folder.join("cell/recipe.toml")).expect("the recipe");
-    let (plain, own) = stated.split_once("# This camera's pixels are too coarse").expect("its own limit");
+    let (plain, own) = stated.split_once("# The pixels of this camera are too coarse").expect("its own limit");
     assert!(own.contains("min_break_mm2 = "), "{own}");
     std::fs::write(folder.join("cell/plain.toml"), plain).expect("written");
     let plain = |arguments: &str| arguments.replace("cell/recipe.toml", "cell/plain.toml");
@@ -102,5 +102,5 @@ fn a_break_that_may_be_missed_and_a_panel_elsewhere_are_no_test() {
     // The panel is not at its nominal place.
     let (exit, told) = json(folder, inspect);
     assert_eq!((exit, told["verdict"].as_str()), (1, Some("invalid")), "{told}");
-    assert!(reason(&told, "elsewhere").contains("give --located"), "{told}");
+    assert!(reason(&told, "elsewhere").contains("state --located"), "{told}");
 }

@@ -55,7 +55,7 @@ fn a_rejected_plan_becomes_no_program() {
     let told = String::from_utf8_lossy(&told.stdout).into_owned();
     assert!(told.contains("no program was written to sand.src") && told.contains("from an earlier plan"), "{told}");
     assert_eq!(std::fs::read(folder.join("sand.src")).expect("the program"), earlier);
-    for (name, word) in [("sand.txt", ".src"), ("while.src", "no word of the language")] {
+    for (name, word) in [("sand.txt", ".src"), ("while.src", "not a reserved word")] {
         let output = panelprep(folder, &plan.replace("sand.src", name));
         assert_eq!(output.status.code(), Some(2), "{name}");
         assert!(String::from_utf8_lossy(&output.stderr).contains(word), "{name}");

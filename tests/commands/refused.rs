@@ -32,13 +32,13 @@ fn bad_input_is_refused_with_file_and_reason() {
     let (cell, recipe) = ("cell/cell.toml", "cell/recipe.toml");
     let clip = |clip: &str| format!("inspect --cell {cell} --recipe {recipe} --clip {clip}");
     let cases = [
-        (LOCATE.to_owned(), vec!["no store in cell/store", "panelprep teach"]),
+        (LOCATE.to_owned(), vec!["no store found in cell/store", "panelprep teach"]),
         (teach(cell, recipe, "cell/missing.pcd"), vec!["cell/missing.pcd", "No such file"]),
         (teach(cell, recipe, "short.pcd"), vec!["short.pcd"]),
         (teach(cell, recipe, "small.pcd"), vec!["small.pcd", "40×30", "486×300"]),
         (
             TEACH.replace("cell/recipe.toml", "cell/half.toml"),
-            vec!["no point of the scan there lies in the search box, though elsewhere a piece of"],
+            vec!["the scan has no point in the search box there, but a part with"],
         ),
         (teach(cell, recipe, "cell/cell.toml"), vec!["cell/cell.toml"]),
         (
@@ -55,7 +55,7 @@ fn bad_input_is_refused_with_file_and_reason() {
         (VERIFY[0].replace("5x4", "5"), vec!["--board 5: valid: a chessboard"]),
         (
             VERIFY[0].replace("--square-mm 40", "--square-mm -40"),
-            vec!["squares of -40 mm; the limits are 0.5 to 500"],
+            vec!["the side of a square is -40 mm (limits 0.5 to 500 mm)"],
         ),
         ("render --out cell/clip".to_owned(), vec!["cell/clip", "not written by"]),
     ];

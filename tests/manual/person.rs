@@ -36,13 +36,15 @@ pub fn answer(cell: &Cell, store: &Path, line: &str, asked: &mut usize) -> Optio
     } else if let Some(url) = line.split_whitespace().find(|word| word.starts_with("http://")) {
         draw(cell, url);
         return None;
-    } else if let Some((step, _)) = line.strip_prefix("Type ").and_then(|rest| rest.split_once(", the step, to ")) {
+    } else if let Some((step, _)) =
+        line.strip_prefix("Type the step number, ").and_then(|rest| rest.split_once(", to "))
+    {
         words(step)
     } else if line.contains("axis angles at which the arm is clear") {
         words(PARK_DEG)
-    } else if line.contains("least corner of the box that the tool's tip") {
+    } else if line.contains("minimum corner of the box in which the tool's tip") {
         words(BOX_MM[0])
-    } else if line.contains("its greatest corner") && line.contains("[750,450,900]") {
+    } else if line.contains("maximum corner of this box") && line.contains("[750,450,900]") {
         words(BOX_MM[1])
     } else if line.contains("the camera on the flange: simulated or gige") {
         words("gige")
@@ -50,7 +52,7 @@ pub fn answer(cell: &Cell, store: &Path, line: &str, asked: &mut usize) -> Optio
         words(SERIAL)
     } else if line.contains("the store's folder") {
         words(&store.display().to_string())
-    } else if line.starts_with("Where is the flange?") {
+    } else if line.starts_with("Enter the flange's pose") {
         panic!("the controller answers, so nobody need read the pendant");
     } else if !line.starts_with(' ') && line.contains(" [") && line.ends_with(']') {
         // What is proposed.

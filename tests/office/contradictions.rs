@@ -37,7 +37,7 @@ fn contradictions_changes_and_garbage_are_told_and_replace_nothing() {
         assert!(since.elapsed() < TIMEOUT, "{found}\n{}", plant.log());
         std::thread::sleep(Duration::from_millis(100));
     };
-    assert!(told.contains("came a second time with the SHA-256"), "{told}");
+    assert!(told.contains("was received a second time with the SHA-256"), "{told}");
     assert!(told.contains("\"same\":6"), "the first one stands: {told}");
     assert!(plant.log().contains("refused"), "{}", plant.log());
     // A change by a person in the database.
@@ -48,7 +48,7 @@ fn contradictions_changes_and_garbage_are_told_and_replace_nothing() {
     let (exit, found) = plant.check("");
     let found = found.to_string();
     assert!(exit == 1 && found.contains("number 2 of epoch") && found.contains("was changed"), "{found}");
-    assert!(found.contains("is not what its cell signed"), "{found}");
+    assert!(found.contains("does not match the signature of its cell"), "{found}");
 }
 
 /// Publishes as a sender whose messages the broker no longer recognizes: after the broker's hour, or a sender that

@@ -98,7 +98,7 @@ fn a_killed_service_leaves_a_recording_that_is_cut() {
     assert!(entries > 50, "{entries}");
     let (exit, told) = json(folder, "replay cut.mcap");
     let reason = told["reasons"][0]["message"].as_str().expect("words");
-    let words = format!("with {entries} whole entries; the program that wrote it ended too early");
+    let words = format!("with {entries} complete entries; the program that wrote it ended too early");
     assert!(exit == 2 && reason.contains("cut.mcap") && reason.contains(&words), "{told}");
     // The next service may record again, and its cycle has another number.
     let service = Service::start(folder);

@@ -36,13 +36,14 @@ fn each_planted_fault_of_the_camera_is_named() {
     let cases = [
         (
             "hang",
-            "C3 no answer within 0.5 s to a 3D shot, the worker was ended; it is started again, restart 1 of 3",
+            "C3 the 3D camera did not respond within 0.5 s to a 3D shot, and its worker was ended; the program \
+             restarts the worker, restart 1 of 3",
         ),
         ("crash", "C11 the 3D camera's worker ended (signal: 6 (SIGABRT)"),
         ("gone", "C2 the 3D camera was lost during a 3D shot: the camera does not answer"),
-        ("missing", "C6 no 3D data: 0.00 % of the shot's points are there"),
-        ("infinite", "C4 the shot has 1 points with a coordinate that is infinite"),
-        ("half", "C5 a 3D shot: 81×50 px, the camera's calibration is for 162×100"),
+        ("missing", "C6 no 3D data: 0.00 % of the shot's pixels have a point"),
+        ("infinite", "C4 the shot was discarded, because 1 points have an infinite coordinate"),
+        ("half", "C5 a 3D shot: 81×50 px, but the camera's calibration is for 162×100"),
     ];
     for (fault, words) in cases {
         let (_folder, mut scanner) =
@@ -170,7 +171,7 @@ fn a_worker_without_its_library_says_what_to_do() {
     let launch = panelprep::devices::zivid::launcher(env!("CARGO_BIN_EXE_panelprep").into(), arguments.into());
     let scanner = ZividScanner::start(setup, launch).expect("a thread");
     let told = scanner.ready(TIMEOUT).expect_err("none").to_string();
-    assert!(told.starts_with("C1 the 3D camera's worker cannot work: ") && told.contains("`make zivid`"), "{told}");
+    assert!(told.starts_with("C1 the 3D camera's worker cannot run: ") && told.contains("`make zivid`"), "{told}");
 }
 
 /// Runs five of the two hundred kills of `make bench-worker`, at full size, so that half of them strike during a
@@ -196,7 +197,7 @@ fn the_role_is_the_programs_own() {
         .expect("it starts");
     assert!(!ran.status.success());
     let words = String::from_utf8_lossy(&ran.stderr);
-    assert!(words.contains("it is started by `panelprep run` alone"), "{words}");
+    assert!(words.contains("only the panelprep service may start this command"), "{words}");
     let help = std::process::Command::new(env!("CARGO_BIN_EXE_panelprep")).arg("--help").output().expect("help");
     assert!(!String::from_utf8_lossy(&help.stdout).contains("zivid-worker"));
 }

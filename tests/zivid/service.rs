@@ -97,13 +97,16 @@ fn doctor_looks_at_light_warmth_and_settings() {
     assert!(graphics.contains("nvidia") || graphics.contains("NVIDIA"), "{graphics}");
     let (ok, light) = check(&found, "light on the scene");
     assert!(
-        !ok && light.contains("flickers as on mains of 60 Hz (120 Hz)") && light.contains("settings_2d"),
+        !ok && light.contains("flickers like lamps on mains of 60 Hz (120 Hz)") && light.contains("settings_2d"),
         "{light}"
     );
     let (ok, warmth) = check(&found, "scanner's warmth");
-    assert!(ok && warmth.contains("whether it is warm is not known") && warmth.contains("--warm-up"), "{warmth}");
+    assert!(
+        ok && warmth.contains("it is not known whether the 3D camera is warm") && warmth.contains("--warm-up"),
+        "{warmth}"
+    );
     let (ok, scanner) = check(&found, "scanner");
-    assert!(ok && scanner.contains("a Zivid, ready"), "{scanner}");
+    assert!(ok && scanner.contains("Zivid camera ready"), "{scanner}");
 
     let film = folder.path().join("cell/film.yml");
     std::fs::write(&film, stub::PICTURE.replace("Brightness: 0", "Brightness: 1.8")).expect("written");

@@ -61,14 +61,14 @@ fn a_forged_archive_is_refused_and_changes_nothing() {
         "store/../../evil",
         "store/blobs/../../../evil",
     ]
-    .map(|name| ("no file of a backup", named(name)))
+    .map(|name| ("not a file of a backup", named(name)))
     .into();
     let mut link = named("configuration/recipes/evil.toml");
     (link[1].kind, link[1].listed.bytes) = (tar::EntryType::Symlink, 1);
-    cases.push(("but its manifest lists", link));
+    cases.push(("where its manifest lists", link));
     let mut elsewhere = named("configuration/recipes/evil.toml");
     elsewhere[1].header_name = "../../evil.toml".to_owned();
-    cases.push(("but its manifest lists", elsewhere));
+    cases.push(("where its manifest lists", elsewhere));
     let mut other = named("configuration/recipes/evil.toml");
     other[1].content = b"y".to_vec();
     cases.push(("the SHA-256 of configuration/recipes/evil.toml", other));
@@ -79,7 +79,7 @@ fn a_forged_archive_is_refused_and_changes_nothing() {
     unnamed[0] = forged("configuration/cell.toml", b"store = \"store\"\n");
     cases.push(("names no calibration.scanner", unnamed));
     cases.push((
-        "this program does not accept its cell's file",
+        "this program does not accept the cell's file",
         vec![forged("configuration/cell.toml", b"stoer = 1")],
     ));
     for (words, entries) in cases {
@@ -96,10 +96,7 @@ fn a_forged_archive_is_refused_and_changes_nothing() {
     let wanted = RestoredParts { store: false, configuration: true };
     for (manifest, words) in [
         (manifest(&entries[..1]), "more files than its manifest lists"),
-        (
-            manifest(&[&entries[..], &[forged("configuration/recipes/more.toml", b"x")]].concat_all()),
-            "missing in it",
-        ),
+        (manifest(&[&entries[..], &[forged("configuration/recipes/more.toml", b"x")]].concat_all()), "is missing"),
         (Manifest { format: FORMAT + 1, ..manifest(&entries) }, "restore it with the newer program"),
     ] {
         forge(&archive, &manifest, &entries);

@@ -203,7 +203,7 @@ fn files_outside_of_the_cells_folder_need_a_word() {
     // Without a store in the archive, no store is restored.
     let refused =
         restore(&Plan { permission, ..plan(&archive, &cell.at("x/cell.toml")) }).expect_err("no store").to_string();
-    assert!(refused.contains("holds no store"), "{refused}");
+    assert!(refused.contains("contains no store"), "{refused}");
 }
 
 /// On a new computer nothing shows which numbers of cycles were used: they are stated, or nothing is restored. A number

@@ -33,7 +33,7 @@ pub fn checks(found: &ScannerErrors) -> Vec<Check> {
         let [is, most] = apart(found.smooth_mm, if is_bad { reject_mm } else { review_mm }, 2);
         format!(
             "scans of a flat board deviate from a plane by {is} mm, differently in each scan (limit {most} mm); \
-             warm up the camera, check its exposure, and have it calibrated by its maker"
+             warm up the camera, check its exposure, and have it calibrated by its manufacturer"
         )
     };
     let smooth =
@@ -44,27 +44,34 @@ pub fn checks(found: &ScannerErrors) -> Vec<Check> {
             .at_least(100.0 * COVERED, SetBy::Program)
             .reviews("scanner_covered", || {
                 let [is, least] = apart(100.0 * found.covered, 100.0 * COVERED, 0);
-                format!("boards cover {is} % of the picture, {least} % are needed; hold the board in the corners of the picture, too")
+                format!(
+                    "the board covers {is} % of the picture, at least {least} % are needed; hold the board in the \
+                     corners of the picture, too"
+                )
             }),
         Check::new("farthest over nearest place of the board", "", found.depths_mm[1] / found.depths_mm[0])
             .at_least(DEPTHS, SetBy::Program)
             .reviews("scanner_depths", || {
                 let [is, least] = apart(found.depths_mm[1] / found.depths_mm[0], DEPTHS, 2);
-                format!("the farthest board is {is} times as far as the nearest, {least} is needed; hold it nearer and farther")
+                format!(
+                    "the farthest board is {is} times as far away as the nearest, at least {least} times is \
+                     needed; hold the board nearer and farther"
+                )
             }),
         Check::new("the board's turns in its plane", "°", found.turned_deg)
             .at_least(TURNED_DEG, SetBy::Program)
             .reviews("scanner_turned", || {
                 let [is, least] = apart(found.turned_deg, TURNED_DEG, 0);
                 format!(
-                    "the board is turned by {is}° in its plane, {least}° are needed: else its own bow counts as the camera's; turn it upright in some scans"
+                    "the board was turned by {is}° in its plane, at least {least}° are needed: otherwise its own \
+                     bow counts as an error of the camera; turn the board upright in some scans"
                 )
             }),
         Check::new("the board's bow", "mm", found.bow_mm).at_most(MAX_BOW_MM, SetBy::Program).reviews(
             "scanner_board",
             || {
                 let [is, most] = apart(found.bow_mm, MAX_BOW_MM, 2);
-                format!("the board is bowed by {is} mm (limit {most} mm); use a stiff one")
+                format!("the board is bowed by {is} mm (limit {most} mm); use a stiff board")
             },
         ),
         Check::new("scale of distances", "%", found.scale_percent.abs())
@@ -73,15 +80,17 @@ pub fn checks(found: &ScannerErrors) -> Vec<Check> {
                 let [is, most] = apart(found.scale_percent.abs(), SCALE_PERCENT, 2);
                 format!(
                     "distances on the board are off by {is} % (limit {most} %); measure the board's squares, and \
-                     have the camera calibrated by its maker"
+                     have the camera calibrated by its manufacturer"
                 )
             }),
         Check::new("length over which the smooth error is alike", "mm", found.correlation_mm)
             .at_most(SHOWN * found.board_mm, SetBy::Program)
             .reviews("scanner_board_small", || {
                 let [is, most] = apart(found.correlation_mm, SHOWN * found.board_mm, 0);
-                format!("the smooth error is correlated over {is} mm, but boards of this size show at most {most} \
-                         mm; use a larger board")
+                format!(
+                    "the smooth error is correlated over {is} mm, but boards of this size reveal at most {most} \
+                     mm; use a larger board"
+                )
             }),
     ]
 }

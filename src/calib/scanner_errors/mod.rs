@@ -63,7 +63,8 @@ const MAX_RMS_RATIO: f64 = 0.9;
 pub fn measure(views: &[PlaneView], over: FieldRectangle) -> Result<ScannerErrors, CalibError> {
     if views.len() < MIN_PLACES {
         let message = format!(
-            "{} scans show the board flat and whole, {MIN_PLACES} are needed, at different places of the working volume",
+            "{} scans show the whole board, flat; at least {MIN_PLACES} are needed, at different places of the \
+             working volume",
             views.len()
         );
         return Err(CalibError::Points(message));

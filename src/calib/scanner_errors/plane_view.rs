@@ -80,8 +80,8 @@ impl PlaneView {
             && (differs(measured_mm).is_nan() || differs(measured_mm) > SQUARE_SHARE)
         {
             return Err(CalibError::Points(format!(
-                "the 3D camera measures squares of {} mm, --square-mm states {} mm, a difference of more than {} \
-                 %: measure the board over many squares",
+                "the 3D camera measures squares of {} mm, but --square-mm states {} mm, a difference of more than \
+                 {} %: measure the board over many squares",
                 fixed(measured_mm, 2),
                 scan.board.square_mm(),
                 fixed(100.0 * SQUARE_SHARE, 0)
@@ -90,7 +90,8 @@ impl PlaneView {
         let samples = samples(scan, &pose.camera_from_board);
         let few = || {
             CalibError::Points(
-                "too few points on the board; check the exposure, and look for glare on the board".to_owned(),
+                "too few points on the board in the scan; check the exposure, and look for glare on the board"
+                    .to_owned(),
             )
         };
         let found = through_most(&samples).ok_or_else(few)?;

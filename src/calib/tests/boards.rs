@@ -82,7 +82,7 @@ fn what_a_charuco_board_is_instead_is_named() {
     };
     assert!(detect::detect("it.png", &picture, &board(printed), None).is_ok());
     let pattern = told(&picture, "charuco:8x6:18:4X4_50");
-    assert!(pattern.contains("add :legacy: --board charuco:8x6:18:4X4_50:legacy"), "{pattern}");
+    assert!(pattern.contains("(:legacy); use --board charuco:8x6:18:4X4_50:legacy"), "{pattern}");
     let exchanged = told(&picture, "charuco:6x8:18:4X4_50:legacy");
     assert!(exchanged.contains("--board charuco:8x6:18:4X4_50:legacy"), "{exchanged}");
     let dictionary = told(&picture, "charuco:8x6:18:6X6_250:legacy");

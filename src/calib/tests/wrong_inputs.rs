@@ -61,7 +61,7 @@ const CHANGES: [Change; 10] = [
         let KukaPose { a_deg, b_deg, c_deg, .. } = kuka(pose);
         with_angles(pose, [c_deg, b_deg, a_deg])
     }),
-    ("A negated", "A has the other sign", |pose| {
+    ("A negated", "the sign of A is wrong", |pose| {
         let KukaPose { a_deg, b_deg, c_deg, .. } = kuka(pose);
         with_angles(pose, [-a_deg, b_deg, c_deg])
     }),

@@ -32,7 +32,10 @@ fn intrinsics_that_cannot_be_a_cameras_are_refused() {
     // By hand: k1 = −10 folds where 1 − 30 r² = 0, r = 0.18, and the corner lies at 0.64.
     assert_eq!(
         wrong("k1 = -0.1", "k1 = -10.0"),
-        ["8: camera.k1: k1, k2, p1, p2, k3 give pixel (0, 0) no ray; are they this camera's?"]
+        [
+            "8: camera.k1: with k1, k2, p1, p2 and k3, the pixel (0, 0) has no ray; check that these values are those \
+             of this camera"
+        ]
     );
     // Calculated by hand: k1 = −1 folds at r = 0.58; r − r³ = 0.64 is true only at r = −1.23, across the axis.
     assert_eq!(wrong("k1 = -0.1", "k1 = -1.0").len(), 1, "a false inverse is none");
@@ -67,8 +70,8 @@ fn a_mount_is_not_taken_for_another() {
     assert_eq!(
         problems(MountedPose::<FlangeCameraMount>::check("f", &format!("{camera}{axis}"))),
         [
-            "8: flange_from_camera.axis_measured: unknown key; known here: x_mm, y_mm, z_mm, a_deg, b_deg, c_deg, date, rms_mm, uncertainty_mm, \
-             serial, robot_correction, program, pictures, residuals_mm"
+            "8: flange_from_camera.axis_measured: unknown key; valid keys here: x_mm, y_mm, z_mm, a_deg, b_deg, c_deg, \
+             date, rms_mm, uncertainty_mm, serial, robot_correction, program, pictures, residuals_mm"
         ]
     );
     let tool = format!("[flange_from_tool]\n{MOUNT}{axis}");

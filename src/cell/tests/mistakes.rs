@@ -25,15 +25,16 @@ fn each_mistake_is_named() {
         ),
         (
             "scanner.kind = 'recorded'",
-            "1: scanner.folder: is missing; kind = \"recorded\" needs the folder to play",
+            "1: scanner.folder: is missing; kind = \"recorded\" needs the folder of the recording",
         ),
         (
             "[scanner]\nfolder = 'shots'",
-            "2: scanner.folder: has no effect with kind = \"simulated\"; it is for kind = \"recorded\"",
+            "2: scanner.folder: has no effect with kind = \"simulated\"; this key is valid only with kind = \
+             \"recorded\"",
         ),
         (
             "[scanner]\nkind = 'recorded'\nfolder = 'shots'\nserial = '1'",
-            "4: scanner.serial: has no effect with kind = \"recorded\"; it is for kind = \"zivid\"",
+            "4: scanner.serial: has no effect with kind = \"recorded\"; this key is valid only with kind = \"zivid\"",
         ),
         (
             "flange_camera = {kind = 'gige', serial = 221600123, exposure_us = 10000}",
@@ -41,11 +42,12 @@ fn each_mistake_is_named() {
         ),
         (
             "[flange_camera]\nkind = 'gige'\nserial = '1'\naddress = '10.0.0.2'\nexposure_us = 10000",
-            "4: flange_camera.address: serial names a camera already; name it by one of the two",
+            "4: flange_camera.address: cannot be combined with serial; state only one of the two keys",
         ),
         (
             "[flange_camera]\npacket_bytes = 9000",
-            "2: flange_camera.packet_bytes: has no effect with kind = \"simulated\"; it is for kind = \"gige\"",
+            "2: flange_camera.packet_bytes: has no effect with kind = \"simulated\"; this key is valid only with kind \
+             = \"gige\"",
         ),
         (
             "[flange_camera]\nkind = 'gige'\npacket_bytes = 9001\nexposure_us = 10000",
@@ -68,7 +70,7 @@ fn each_mistake_is_named() {
         ),
         (
             "[robot]\nkind = 'eki'\nhost = '0.0.0.0'",
-            "3: robot.host: found \"0.0.0.0\", which is the address of no single machine",
+            "3: robot.host: found \"0.0.0.0\", which is not the address of a single machine",
         ),
         (
             "[robot]\nprograms_sum = 1000003",
@@ -88,7 +90,7 @@ fn each_mistake_is_named() {
         ),
         (
             "[robot]\nport = 54600",
-            "2: robot.port: unknown key; known here: kind, controller, host, command_port, state_port, programs_sum, signed_stage",
+            "2: robot.port: unknown key; valid keys here: kind, controller, host, command_port, state_port, programs_sum, signed_stage",
         ),
         (
             &format!("[poses]\nprak = {axes}"),
@@ -100,10 +102,10 @@ fn each_mistake_is_named() {
         ),
         (
             "[poses.park]\nx_mm = 3",
-            "2: poses.park.x_mm: unknown key; known here: a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg",
+            "2: poses.park.x_mm: unknown key; valid keys here: a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg",
         ),
         ("[io.outputs]\ntool = 4097", "2: io.outputs.tool: found 4097, valid: a whole number from 1 to 4096"),
-        ("[io.outputs]\ntool = 3\nlight = 3", "2: io.outputs.tool: found 3, which is light's number already"),
+        ("[io.outputs]\ntool = 3\nlight = 3", "2: io.outputs.tool: found 3, which is already the number of light"),
         (
             "[io.feedbacks]\nflow = 1025",
             "2: io.feedbacks.flow: found 1025; $IN[1025] is always true and $IN[1026] always false",
@@ -115,19 +117,19 @@ fn each_mistake_is_named() {
         ),
         (
             "[io]\ntool = 3",
-            "2: io.tool: unknown key; known here: outputs, feedbacks, mapped_inputs, off_after_s, line_outputs, may_stay_on",
+            "2: io.tool: unknown key; valid keys here: outputs, feedbacks, mapped_inputs, off_after_s, line_outputs, may_stay_on",
         ),
         (
             "[io]\nfeedbacks = { flow = 4 }\nmapped_inputs = { start = 33, flow = 4 }",
-            "3: io.mapped_inputs.flow: found 4, which is a feedback's; a feedback is read and never set",
+            "3: io.mapped_inputs.flow: found 4, which is the number of a feedback; feedbacks are only read, never set",
         ),
         (
             "[io]\noutputs = { tool = 1, light = 2 }\noff_after_s = { lamp = 5 }",
-            "3: io.off_after_s.lamp: is no output of [io.outputs]; valid: light, tool",
+            "3: io.off_after_s.lamp: is not an output of [io.outputs]; valid: light, tool",
         ),
         (
             "[io]\noutputs = { tool = 1, light = 2 }\noff_after_s = { tool = 5 }",
-            "3: io.off_after_s.tool: found 5; tool and water go off at once, 0",
+            "3: io.off_after_s.tool: found 5, valid: 0; tool and water are switched off immediately",
         ),
         (
             "[io]\noutputs = { tool = 1, light = 2 }\noff_after_s = { light = 601 }",
@@ -147,16 +149,14 @@ fn each_mistake_is_named() {
         ),
         (
             "[io]\noutputs = { lens_shutter = 1 }\noff_after_s = { lens_shutter = 5 }",
-            "3: io.off_after_s.lens_shutter: keeps drops off the cameras and is never switched off here; remove it",
+            "3: io.off_after_s.lens_shutter: protects the cameras from drops and is never switched off automatically; \
+             remove this key",
         ),
         (
             "[limits]\nheartbeat_s = 0.1",
             "2: limits.heartbeat_s: unknown key; this time is in ms: write heartbeat_ms",
         ),
-        (
-            "[limits]\nwatchdog_ms = 150",
-            "2: limits.watchdog_ms: found 150, at least two heartbeats are needed, 200",
-        ),
+        ("[limits]\nwatchdog_ms = 150", "2: limits.watchdog_ms: found 150, the minimum is 200, twice heartbeat_ms"),
         ("[limits]\nwindow_s = 2", "2: limits.window_s: found 2, valid: a number from 0.1 to 1"),
         (
             "[limits]\nmin_points = 20\nwindow_commands = 10",

@@ -26,7 +26,7 @@ fn mistakes_of_the_opcua_server_are_named() {
         ),
         ("listen = '0.0.0.0:0'", "2: opcua.listen: found \"0.0.0.0:0\", valid: an IP address and a port"),
         ("anonymous = 'write'", "2: opcua.anonymous: found the text \"write\", valid: \"nothing\" or \"read\""),
-        ("unencrypted = true", "2: opcua.unencrypted: found true, but nobody can log in"),
+        ("unencrypted = true", "2: opcua.unencrypted: found true, but log-in is not possible"),
         ("host = 'a b'", "2: opcua.host: found \"a b\", valid: a computer's name or an IP address"),
         ("listen = '0.0.0.0:4840'\nport = 4840", "3: opcua.port: unknown key"),
         ("anonymous = 'read'", "1: opcua.listen: is missing: the address and port of the server"),

@@ -30,8 +30,8 @@ pub(crate) fn addresses_apart(channels: &[(usize, &str, &StatedChannel)]) -> Vec
     let others = stated.filter(|(_, _, ip)| ip.value != first.value);
     let warning = |(place, _, ip): (usize, &str, &Stated<String>)| {
         let message = format!(
-            "is {}, and {first_file} has {}: the controller listens on the network adapter with this address; if it has none, \
-             EKI_Open fails, and a PC that looks for it at the other address finds no port open",
+            "is {}, and {first_file} has {}: the controller listens on the network adapter with this address; if no \
+             adapter has this address, EKI_Open fails, and a PC that connects to the other address finds no open port",
             ip.value, first.value
         );
         (place, Problem { line: ip.line, key: "CONFIGURATION/INTERNAL/IP".to_owned(), message })
@@ -43,8 +43,11 @@ fn pair(channel: &StatedChannel, other_file: &str, other: &StatedChannel) -> Vec
     let mut found = Vec::new();
     let mut note = |line: usize, key: String, message: String| found.push(Problem { line, key, message });
     if channel.name.eq_ignore_ascii_case(&other.name) {
-        let message =
-            format!("{other_file} is a channel {} too; the file's name is the channel's in KRL", other.name);
+        let message = format!(
+            "{other_file} also defines the channel {}; rename one of the files, because KRL uses the file's name as \
+             the channel's name",
+            other.name
+        );
         note(1, String::new(), message);
     }
     if channel.listens() && other.listens() {
@@ -52,8 +55,8 @@ fn pair(channel: &StatedChannel, other_file: &str, other: &StatedChannel) -> Vec
         if port(channel) == port(other) {
             let line = channel.internal.port.as_ref().map_or(channel.internal_line, |port| port.line);
             let message = format!(
-                "is {}, as in {other_file}; each channel needs a port of its own: while one of the two is open, EKI_Open of the \
-                 other fails with \"Create server failed\"",
+                "is {}, as in {other_file}; each channel needs its own port: while one of the two is open, EKI_Open of \
+                 the other fails with \"Create server failed\"",
                 port(channel)
             );
             note(line, "CONFIGURATION/INTERNAL/PORT".to_owned(), message);
@@ -63,7 +66,7 @@ fn pair(channel: &StatedChannel, other_file: &str, other: &StatedChannel) -> Vec
         let same = other.signals().find(|theirs| theirs.variable() == signal.variable());
         if let Some(theirs) = same {
             let message = format!(
-                "{} is set by {} in {other_file} too (line {})",
+                "{} is also set by {} in {other_file} (line {})",
                 signal.variable(),
                 theirs.cause(),
                 theirs.line

@@ -9,16 +9,16 @@ pub(super) fn sentences(channel: &StatedChannel) -> Vec<String> {
         channel
             .signals()
             .filter(|signal| signal.tag.is_none())
-            .map(|signal| format!("{} is true while the other machine is connected", signal.variable())),
+            .map(|signal| format!("{} is true while the other system is connected", signal.variable())),
     );
     says.push(match &channel.ping {
-        Some(ping) => format!("the connection is probed (Ping {})", ping.value),
-        None => "no Ping: a pulled cable is not noticed by EthernetKRL itself".to_owned(),
+        Some(ping) => format!("the connection is monitored (Ping {})", ping.value),
+        None => "no Ping: EthernetKRL itself does not detect a disconnected cable".to_owned(),
     });
     let [logging, display] = &channel.messages;
     if logging.is_some() || display.is_some() {
-        let word = |word: &Option<String>| word.clone().unwrap_or_else(|| "as the controller does".to_owned());
-        says.push(format!("messages: logged {}, on the pendant {}", word(logging), word(display)));
+        let word = |word: &Option<String>| word.clone().unwrap_or_else(|| "by the controller's default".to_owned());
+        says.push(format!("messages: Logging {}, Display on the smartPAD {}", word(logging), word(display)));
     }
     says.extend(roots("receives", &channel.received));
     says.extend(channel.raw.iter().map(say_raw));
@@ -65,11 +65,11 @@ fn who_listens(channel: &StatedChannel) -> String {
 
 fn how_long(channel: &StatedChannel) -> String {
     let until = match channel.environment.map_or(Environment::Program, |stated| stated.value) {
-        Environment::Submit => "the submit interpreter is cancelled or the inputs and outputs are configured anew",
-        Environment::System => "the inputs and outputs are configured anew",
-        Environment::Program => "the program is reset or deselected, or the inputs and outputs are configured anew",
+        Environment::Submit => "the submit interpreter is cancelled or the inputs and outputs are reconfigured",
+        Environment::System => "the inputs and outputs are reconfigured",
+        Environment::Program => "the program is reset or deselected, or the inputs and outputs are reconfigured",
     };
-    format!("it lives until {until}")
+    format!("the channel exists until {until}")
 }
 
 fn what_waits(channel: &StatedChannel) -> String {
@@ -80,8 +80,8 @@ fn what_waits(channel: &StatedChannel) -> String {
         ReadOrder::Lifo => "newest",
     };
     format!(
-        "at most {entries} entries of each tag wait for the program, the {order} is read first, one more closes the \
-         connection; at most {bytes} bytes wait to be interpreted"
+        "at most {entries} entries of each tag wait for the program, the {order} entry is read first, one more entry \
+         closes the connection; at most {bytes} received bytes wait to be interpreted"
     )
 }
 

@@ -61,16 +61,21 @@ fn addresses(channel: &StatedChannel, found: &mut Findings) {
     if let Some(ip) = &channel.server().ip
         && !is_address(&ip.value)
     {
-        let message = format!("is \"{}\", which is no address such as 172.31.1.147; a placeholder?", ip.value);
+        let message = format!(
+            "is \"{}\", which is not an address such as 172.31.1.147; if it is a placeholder, replace it",
+            ip.value
+        );
         found.warn(ip.line, format!("CONFIGURATION/{side}/IP"), message);
     }
     if let Some(udp) = channel.protocol.filter(|protocol| protocol.value == Protocol::Udp) {
-        let message = "is UDP, which the manual does not recommend: messages may be lost, doubled or out of order";
+        let message =
+            "is UDP, which the manual does not recommend: messages may be lost, duplicated or out of order";
         found.warn(udp.line, "CONFIGURATION/INTERNAL/PROTOCOL", message);
     }
     if let Some(wait) = channel.connect_ms.as_ref().filter(|_| channel.listens()) {
         let message = format!(
-            "ends listening after {} ms without a client, error 2048; without it the controller waits",
+            "stops the channel after {} ms without a client (error 2048); without this attribute, the controller waits \
+             without limit",
             wait.value
         );
         found.warn(wait.line, "CONFIGURATION/INTERNAL/TIMEOUT/@Connect", message);
@@ -85,17 +90,21 @@ pub(super) fn is_address(text: &str) -> bool {
 
 fn life(channel: &StatedChannel, found: &mut Findings) {
     let key = "CONFIGURATION/INTERNAL/ENVIRONMENT";
-    let consequence = "the channel is deleted whenever the program is reset or deselected, and the client finds itself cut \
-                       off at every intervention; put state and abort on Submit or System";
+    let consequence = "the channel is deleted when the program is reset or deselected, which disconnects the client. \
+                       Set Submit or System for the channels of state and abort";
     match &channel.environment {
         Some(stated) if stated.value == Environment::Program => {
             found.warn(stated.line, key, format!("is Program: {consequence}"))
         }
         Some(_) => {}
-        None => found.warn(channel.internal_line, key, format!("is not stated, and Program then: {consequence}")),
+        None => found.warn(
+            channel.internal_line,
+            key,
+            format!("is not stated, so the default, Program, applies: {consequence}"),
+        ),
     }
     if !channel.signals().any(|signal| signal.tag.is_none()) {
-        let message = "raises no flag and no output: the program does not see a client come or go";
+        let message = "sets no flag and no output: the program cannot detect that a client connects or disconnects";
         found.warn(channel.alive_line.unwrap_or(channel.internal_line), "CONFIGURATION/INTERNAL/ALIVE", message);
     }
 }
@@ -103,16 +112,16 @@ fn life(channel: &StatedChannel, found: &mut Findings) {
 fn buffers(channel: &StatedChannel, found: &mut Findings) {
     let key = "CONFIGURATION/INTERNAL/BUFFERING";
     if channel.entries.is_none() && !channel.received.is_empty() {
-        let message = "states no Limit: each memory holds 16 entries, and the 17th closes the connection instead of waiting; \
-                       at most 512 can be had";
+        let message = "states no Limit: each memory has 16 entries, and the 17th entry closes the connection instead \
+                       of waiting; the maximum Limit is 512";
         found.warn(channel.internal_line, format!("{key}/@Limit"), message);
     }
     let lifo = channel.order.filter(|order| order.value == ReadOrder::Lifo).map(|lifo| (lifo.line, key.to_owned()));
     let own = channel.received.iter().filter(|element| element.order == Some(ReadOrder::Lifo));
     let own = own.map(|element| (element.line, format!("RECEIVE/XML/ELEMENT[{}]", element.tag)));
     for (line, key) in lifo.into_iter().chain(own) {
-        let message = "reads the newest entry first: values of several tags need EKI_Lock and EKI_Unlock around them, or \
-                       they come from different messages";
+        let message = "reads the newest entry first: read values of several tags between EKI_Lock and EKI_Unlock, \
+                       otherwise they may come from different messages";
         found.warn(line, format!("{key}/@Mode"), message);
     }
 }
@@ -123,7 +132,7 @@ fn signals(channel: &StatedChannel, found: &mut Findings) {
         let same = |other: &&Signal| other.variable() == signal.variable();
         if let Some(other) = channel.signals().take(index).find(same) {
             let message = format!(
-                "{} is set by {} too (line {}); the program cannot distinguish the two",
+                "{} is also set by {} (line {}); the program cannot distinguish the two",
                 signal.variable(),
                 other.cause(),
                 other.line
@@ -161,7 +170,8 @@ fn elements(channel: &StatedChannel, found: &mut Findings) {
         if element.kind.as_deref() == Some("FRAME")
             && let Some(part) = channel.received.iter().find(|other| other.tag.starts_with(&below))
         {
-            let message = format!("is a FRAME, and {} (line {}) is a part of it", part.tag, part.line);
+            let message =
+                format!("is a FRAME, but {} (line {}) is defined as a part of this FRAME", part.tag, part.line);
             found.warn(element.line, &key, message);
         }
     }
@@ -181,12 +191,12 @@ fn root_flags(channel: &StatedChannel, found: &mut Findings) {
         let inside = format!("{root}/");
         let message = match raised.iter().find(|tag| tag.starts_with(&inside)) {
             Some(leaf) => format!(
-                "no flag for the whole of <{root}>: that of {leaf} does not rise in a message without it; add <ELEMENT \
-                 Tag=\"{root}\" Set_Flag=\"…\"/>"
+                "no flag is set when a whole <{root}> has arrived: a message without {leaf} does not set the flag of \
+                 this element; add <ELEMENT Tag=\"{root}\" Set_Flag=\"…\"/>"
             ),
             None => format!(
-                "no flag shows that a <{root}> has arrived; the program must poll EKI_CheckBuffer, or add <ELEMENT \
-                 Tag=\"{root}\" Set_Flag=\"…\"/>"
+                "no flag is set when a <{root}> has arrived; call EKI_CheckBuffer cyclically in the program, or add \
+                 <ELEMENT Tag=\"{root}\" Set_Flag=\"…\"/>"
             ),
         };
         found.warn(element.line, format!("RECEIVE/XML/ELEMENT[{root}]"), message);
@@ -234,7 +244,7 @@ fn raw(channel: &StatedChannel, found: &mut Findings) {
             found.wrong(raw.line, key, "is a STREAM without EOS: the end of a text is not defined");
         }
         if !raw.is_stream && raw.size.is_none() {
-            found.wrong(raw.line, key, "is of BYTE without Size: the length of a record is not defined");
+            found.wrong(raw.line, key, "is of type BYTE without Size: the length of a record is not defined");
         }
     }
 }

@@ -46,12 +46,12 @@ fn our_own_files_are_right_and_say_what_they_do() {
         reports[0].says,
         [
             "channel CELLCMD: the controller listens on 172.31.1.147, port 54600, TCP, and accepts one client",
-            "it lives until the submit interpreter is cancelled or the inputs and outputs are configured anew",
-            "at most 512 entries of each tag wait for the program, the oldest is read first, one more closes the \
-             connection; at most 65534 bytes wait to be interpreted",
-            "$FLAG[850] is true while the other machine is connected",
-            "no Ping: a pulled cable is not noticed by EthernetKRL itself",
-            "messages: logged warning, on the pendant disabled",
+            "the channel exists until the submit interpreter is cancelled or the inputs and outputs are reconfigured",
+            "at most 512 entries of each tag wait for the program, the oldest entry is read first, one more entry \
+             closes the connection; at most 65534 received bytes wait to be interpreted",
+            "$FLAG[850] is true while the other system is connected",
+            "no Ping: EthernetKRL itself does not detect a disconnected cable",
+            "messages: Logging warning, Display on the smartPAD disabled",
             "receives <Cmd>: @Id INT, @Ep INT, @Op INT, @N1 INT, @N2 INT, @R1 REAL, @R2 REAL, P FRAME (X Y Z A B C)",
             "$FLAG[851] is set when a whole <Cmd> has arrived; the program resets it",
             "sends <Ack>: @Rx INT, @Done INT, @Free INT, @Err INT, @ErrId INT, @Ep INT",
@@ -72,10 +72,10 @@ fn defaults_are_told() {
         ],
         &[
             "1 CONFIGURATION/EXTERNAL/TYPE: is not stated: the controller assumes Server, connects",
-            "2 CONFIGURATION/INTERNAL/ENVIRONMENT: is not stated, and Program then",
-            "2 CONFIGURATION/INTERNAL/ALIVE: raises no flag",
-            "2 CONFIGURATION/INTERNAL/BUFFERING/@Limit: states no Limit: each memory holds 16 entries",
-            "3 RECEIVE/XML/ELEMENT[A]: no flag shows that a <A> has arrived",
+            "2 CONFIGURATION/INTERNAL/ENVIRONMENT: is not stated, so the default, Program, applies",
+            "2 CONFIGURATION/INTERNAL/ALIVE: sets no flag",
+            "2 CONFIGURATION/INTERNAL/BUFFERING/@Limit: states no Limit: each memory has 16 entries",
+            "3 RECEIVE/XML/ELEMENT[A]: no flag is set when a <A> has arrived",
         ],
     );
     assert_eq!(
@@ -83,9 +83,9 @@ fn defaults_are_told() {
         [
             "channel THEIRS: the controller connects to an address that is not stated, port not stated, TCP, and gives up after \
              2000 ms",
-            "it lives until the program is reset or deselected, or the inputs and outputs are configured anew",
-            "at most 16 entries of each tag wait for the program, the oldest is read first, one more closes the \
-             connection; at most 16384 bytes wait to be interpreted",
+            "the channel exists until the program is reset or deselected, or the inputs and outputs are reconfigured",
+            "at most 16 entries of each tag wait for the program, the oldest entry is read first, one more entry \
+             closes the connection; at most 16384 received bytes wait to be interpreted",
         ]
     );
 }
@@ -100,12 +100,12 @@ fn a_placeholder_and_datagrams_are_told() {
         &[],
         &[
             "4 CONFIGURATION/INTERNAL/ENVIRONMENT: is Program: the channel is deleted",
-            "5 CONFIGURATION/INTERNAL/IP: is \"address.of.robot\", which is no address",
+            "5 CONFIGURATION/INTERNAL/IP: is \"address.of.robot\", which is not an address",
             "5 CONFIGURATION/INTERNAL/PROTOCOL: is UDP, which the manual does not recommend",
             "6 CONFIGURATION/INTERNAL/TIMEOUT/@Connect: ends listening after 60000 ms",
         ],
     );
-    assert!(report.says.contains(&"the connection is probed (Ping 200)".to_owned()), "{:?}", report.says);
+    assert!(report.says.contains(&"the connection is monitored (Ping 200)".to_owned()), "{:?}", report.says);
 }
 
 #[test]
@@ -139,7 +139,10 @@ fn what_the_controller_refuses_is_an_error_with_its_line_and_key() {
             "6 RECEIVE/XML/ELEMENT[A/@B]: is a FRAME in an attribute",
         ),
         (received("<ELEMENT Type=\"INT\"/>"), "6 RECEIVE/XML/ELEMENT: has no Tag"),
-        (received("<ELEMENT Tag=\"/A/B\" Type=\"INT\"/>"), "6 RECEIVE/XML/ELEMENT[/A/B]/@Tag: is \"/A/B\"; a path"),
+        (
+            received("<ELEMENT Tag=\"/A/B\" Type=\"INT\"/>"),
+            "6 RECEIVE/XML/ELEMENT[/A/B]/@Tag: is \"/A/B\"; write the path",
+        ),
         (
             received("<ELEMENT Tag=\"A/B\" Type=\"INT\" type=\"REAL\"/>"),
             "6 RECEIVE/XML/ELEMENT[A/B]/@type: appears twice in one element",
@@ -150,11 +153,11 @@ fn what_the_controller_refuses_is_an_error_with_its_line_and_key() {
         ),
         (
             received("<ELEMENT Tag=\"A/B\" Type=\"INT\" Set_Flag=\"2\"/>"),
-            "6 RECEIVE ELEMENT[A]: $FLAG[2] is set by the arrival of A/B too (line 6)",
+            "6 RECEIVE ELEMENT[A]: $FLAG[2] is also set by the arrival of A/B (line 6)",
         ),
         (
             received("<ELEMENT Tag=\"A/B\" Type=\"INT\" Set_Flag=\"1\"/>"),
-            "6 RECEIVE ELEMENT[A/B]: $FLAG[1] is set by a connection too (line 4)",
+            "6 RECEIVE ELEMENT[A/B]: $FLAG[1] is also set by a connection (line 4)",
         ),
         (
             file(INTERNAL, "<RAW><ELEMENT Tag=\"B\" Type=\"STREAM\" Set_Flag=\"3\"/></RAW>", ""),
@@ -162,7 +165,7 @@ fn what_the_controller_refuses_is_an_error_with_its_line_and_key() {
         ),
         (
             file(INTERNAL, "<RAW><ELEMENT Tag=\"B\" Type=\"BYTE\"/></RAW>", ""),
-            "6 RECEIVE/RAW/ELEMENT: is of BYTE without",
+            "6 RECEIVE/RAW/ELEMENT: is of type BYTE without",
         ),
         (
             file(
@@ -189,16 +192,19 @@ fn what_the_controller_refuses_is_an_error_with_its_line_and_key() {
 #[test]
 fn what_is_no_channel_file_is_said() {
     for (text, problem) in [
-        ("", "1 : not XML: the file holds no element"),
+        ("", "1 : not XML: the file contains no element"),
         ("<ETHERNETKRL>\n<SEND>", "2 : not XML: SEND is never closed"),
         ("<ETHERNETKRL>\n</SEND>", "2 : not XML:"),
-        ("<ETHERNETKRL/>\n<ETHERNETKRL/>", "2 : not XML: ETHERNETKRL is after the end"),
+        ("<ETHERNETKRL/>\n<ETHERNETKRL/>", "2 : not XML: ETHERNETKRL follows the end"),
         ("; comment\n<ETHERNETKRL/>", "1 : not XML: \"; comment\" is outside"),
         ("<!DOCTYPE a>\n<ETHERNETKRL/>", "1 : not XML: a document type"),
-        ("\n<Robot/>", "2 Robot: the outermost element is Robot; that of an EthernetKRL file is ETHERNETKRL"),
+        (
+            "\n<Robot/>",
+            "2 Robot: the root element is Robot; the root element of an EthernetKRL file is ETHERNETKRL",
+        ),
         (
             "<Channel Version=\"1.0\"><Connection Protocol=\"TCP\"/></Channel>",
-            "1 Channel: this is a channel of EthernetKRL 6 (iiQKA.OS2)",
+            "1 Channel: the file is a channel of EthernetKRL 6 (iiQKA.OS2)",
         ),
     ] {
         let report = expect(text, &[problem], &[]);
@@ -221,10 +227,12 @@ fn unknown_names_get_the_nearest_right_one() {
             "3 CONFIGURATION/EXTERNAL/PROTOCOL: no manual describes this element here; its place is \
              CONFIGURATION/INTERNAL/PROTOCOL; the controller ignores it",
             "5 CONFIGURATION/INTERNAL/BUFERING: no manual describes this element here; did you mean BUFFERING?",
-            "5 CONFIGURATION/INTERNAL/SENDFLAG: no manual describes this element here; known here: ENVIRONMENT, BUFFERING,",
+            "5 CONFIGURATION/INTERNAL/SENDFLAG: no manual describes this element here; valid here: ENVIRONMENT, \
+             BUFFERING,",
             "6 CONFIGURATION/INTERNAL/ENVIROMENT: no manual describes this element here; did you mean ENVIRONMENT?",
             "8 RECEIVE/XML/ELEMENT[A]/@Setflag: no manual describes this attribute; did you mean Set_Flag?",
-            "8 RECEIVE/XML/ELEMENT[A]/@Colour: no manual describes this attribute; known here: Tag, Type, Set_Flag, Set_Out, Mode",
+            "8 RECEIVE/XML/ELEMENT[A]/@Colour: no manual describes this attribute; valid here: Tag, Type, Set_Flag, \
+             Set_Out, Mode",
         ],
     );
     expect(
@@ -235,9 +243,9 @@ fn unknown_names_get_the_nearest_right_one() {
         ),
         &[],
         &[
-            "4 CONFIGURATION/INTERNAL/ALIVE: written Alive, the manual writes ALIVE",
-            "4 CONFIGURATION/INTERNAL/ALIVE/@SET_FLAG: written SET_FLAG, the manual writes Set_Flag",
-            "6 RECEIVE/XML: the text \";nothing\" has no meaning here",
+            "4 CONFIGURATION/INTERNAL/ALIVE: found Alive, but the manual writes ALIVE",
+            "4 CONFIGURATION/INTERNAL/ALIVE/@SET_FLAG: found SET_FLAG, but the manual writes Set_Flag",
+            "6 RECEIVE/XML: the text \";nothing\" is not valid here",
         ],
     );
 }
@@ -253,11 +261,12 @@ fn elements_are_looked_at_one_by_one() {
         &file(INTERNAL, receive, ""),
         &[],
         &[
-            "8 RECEIVE/XML/ELEMENT[A]: no flag for the whole of <A>: that of A/@B does not rise in a message without it",
+            "8 RECEIVE/XML/ELEMENT[A]: no flag is set when a whole <A> has arrived: a message without A/@B does not \
+             set the flag of this element",
             "11 RECEIVE/XML/ELEMENT[A/@C]: has neither Type nor flag nor output",
             "12 RECEIVE/XML/ELEMENT[A/@B]: is defined twice (line 8); both share one memory",
             "13 RECEIVE/XML/ELEMENT[F/G]/@Mode: reads the newest entry first",
-            "13 RECEIVE/XML/ELEMENT[F/G]: is a FRAME, and F/G/@X (line 13) is a part of it",
+            "13 RECEIVE/XML/ELEMENT[F/G]: is a FRAME, but F/G/@X (line 13) is defined as a part of this FRAME",
             "14 RECEIVE ELEMENT[F]: $FLAG ends at 1024",
         ],
     );
@@ -280,7 +289,11 @@ fn a_flag_above_all_data_is_as_good_as_the_roots() {
     let rises = "$FLAG[5] is set when a whole <A/C> has arrived; the program resets it".to_owned();
     assert!(report.says.contains(&rises), "{:?}", report.says);
     let beside = receive.replace("<XML>", "<XML><ELEMENT Tag=\"A/@M\" Type=\"INT\"/>");
-    expect(&file(INTERNAL, &beside, ""), &[], &["6 RECEIVE/XML/ELEMENT[A]: no flag for the whole of <A>"]);
+    expect(
+        &file(INTERNAL, &beside, ""),
+        &[],
+        &["6 RECEIVE/XML/ELEMENT[A]: no flag is set when a whole <A> has arrived"],
+    );
 }
 
 /// Records of bytes; a controller that connects as a client; two roots sent, a text and an attribute of one node.
@@ -323,15 +336,15 @@ fn files_of_one_controller_are_held_against_each_other() {
     assert_begins(
         &lines(&reports[0].problems),
         &[
-            "4 CONFIGURATION/INTERNAL/PORT: is 54600, as in CELLCMD.xml; each channel needs a port of its own: while one of the two \
-             is open, EKI_Open of the other fails",
-            "6 RECEIVE ELEMENT[A]: $FLAG[2] is set by the arrival of A in b/TWO.xml too (line 6)",
+            "4 CONFIGURATION/INTERNAL/PORT: is 54600, as in CELLCMD.xml; each channel needs its own port: while one of \
+             the two is open, EKI_Open of the other fails",
+            "6 RECEIVE ELEMENT[A]: $FLAG[2] is also set by the arrival of A in b/TWO.xml (line 6)",
         ],
         &other,
     );
     assert_begins(
         &lines(&reports[2].problems),
-        &["6 RECEIVE ELEMENT[A]: $FLAG[2] is set by the arrival of A in a/ONE.xml"],
+        &["6 RECEIVE ELEMENT[A]: $FLAG[2] is also set by the arrival of A in a/ONE.xml"],
         &away,
     );
     assert_begins(
@@ -340,7 +353,7 @@ fn files_of_one_controller_are_held_against_each_other() {
         COMMANDS,
     );
     let reports = check_files(&[("a/ONE.xml", &away), ("b/one.XML", COMMANDS)], None);
-    assert_begins(&lines(&reports[1].problems), &["1 : a/ONE.xml is a channel ONE too"], COMMANDS);
+    assert_begins(&lines(&reports[1].problems), &["1 : a/ONE.xml also defines the channel ONE"], COMMANDS);
 }
 
 /// As in a project's file of flags: 2,688 is outside of the manual's range, and only this is reported.

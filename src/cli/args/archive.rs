@@ -15,23 +15,24 @@ pub struct Archive {
 /// The tasks of the archive command.
 #[derive(Debug, Clone, Subcommand)]
 pub enum ArchiveTask {
-    /// Receive what cells send from the broker, store it in PostgreSQL and a folder, and report to the cells what the
-    /// archive has, until a signal ends it. Any failure (broker, database, disk) is tried again.
+    /// Receive the records of the cells from the broker, store them in PostgreSQL and a folder, and confirm to the cells
+    /// what the archive contains, until a signal stops this command. After a failure (broker, database, disk) it tries
+    /// again.
     #[command(
         after_help = "The settings are those of config/archive.toml. On a machine with nats-server -js and PostgreSQL:\n  \
         panelprep archive run --settings /etc/panelprep/archive.toml"
     )]
     Run(RunArchive),
-    /// Prove that the archive contains everything that cells sent: no number without a record, every content with
-    /// its hash, every signature by its key, every signed record after its predecessor, every file complete.
-    /// Compare it also with the cells that are named.
-    #[command(after_help = "Example, with one cell's store on this machine and the list of another one:\n  \
+    /// Check that the archive contains everything that cells sent: no record number is missing, contents match their
+    /// hashes, signatures match their keys, each signed record follows its predecessor, and all files are complete.
+    /// Also compare the archive with the cells that are named.
+    #[command(after_help = "Example, with one cell's store on this machine and the list of another cell:\n  \
                             panelprep archive check --settings /etc/panelprep/archive.toml \
                             cell-1=/var/lib/panelprep/store cell-2=cell-2.json\nThe list is what `panelprep store \
                             list --json` prints in that cell.\nExit codes: 0 no problem was found, 1 a problem was \
                             found, 2 the archive or a list cannot be read.")]
     Check(CheckArchive),
-    /// Make an account for the office's page, or give it a new password, which is read from the terminal or from
+    /// Create an account for the office's page, or change its password. The password is read from the terminal or from
     /// standard input.
     #[command(
         after_help = "Example:\n  panelprep archive account anna --printed-name 'Anna Office' --settings /etc/panelprep/archive.toml"
@@ -54,7 +55,7 @@ pub struct OfferRecipe {
     /// The printed name of the person who approved the recipe.
     #[arg(long, value_name = "NAME", value_parser = NonEmptyStringValueParser::new())]
     pub by: String,
-    /// Why.
+    /// The reason for the approval.
     #[arg(long, value_name = "WORDS", value_parser = NonEmptyStringValueParser::new())]
     pub why: String,
     /// The archive's settings.
@@ -65,9 +66,9 @@ pub struct OfferRecipe {
 /// Options of `archive account`.
 #[derive(Debug, Clone, Args)]
 pub struct ArchiveAccount {
-    /// The name with which its owner logs in.
+    /// The login name of the account.
     pub name: String,
-    /// The owner's printed name; without it, the name.
+    /// The printed name of the account's owner; without this option, the login name.
     #[arg(long, value_name = "NAME")]
     pub printed_name: Option<String>,
     /// The archive's settings.
@@ -94,7 +95,7 @@ pub struct RunArchive {
 /// Options of `archive check`.
 #[derive(Debug, Clone, Args)]
 pub struct CheckArchive {
-    /// Cells to compare with: the cell's name, and either the folder of its store or the file of its list.
+    /// Cells to compare with: the cell's name, =, and either the folder of its store or the file of its list.
     #[arg(value_name = "CELL=STORE_OR_LIST")]
     pub cells: Vec<String>,
     /// The archive's settings.

@@ -17,7 +17,7 @@ pub enum BackupPart {
 pub struct Backup {
     /// The archive to write; it must not exist.
     pub archive: PathBuf,
-    /// This part alone.
+    /// Save only this part.
     #[arg(long, value_enum)]
     pub only: Option<BackupPart>,
 }
@@ -27,11 +27,11 @@ pub struct Backup {
 pub struct Restore {
     /// An archive that `panelprep backup` wrote.
     pub archive: PathBuf,
-    /// This part alone.
+    /// Restore only this part.
     #[arg(long, value_enum)]
     pub only: Option<BackupPart>,
-    /// Replace this part if it exists already; the replaced part is kept next to it as NAME.before-restore-1. May
-    /// be given for each.
+    /// Replace this part if it exists already; the replaced part is kept next to it as NAME.before-restore-1. Repeat
+    /// the option to replace several parts.
     #[arg(long, value_enum, value_name = "PART")]
     pub replace: Vec<BackupPart>,
     /// Also write files that are named in the cell's file and are outside of its folder.

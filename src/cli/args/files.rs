@@ -28,11 +28,11 @@ pub struct Check {
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// The lowest version of KUKA System Software for which the KRL files are written, 8.2 to 8.7: use of a
-    /// function that it lacks is an error.
+    /// function that this version lacks is an error.
     #[arg(long, value_name = "VERSION")]
     pub kss: Option<crate::krl::Kss>,
-    /// The purpose for which a cell's file must be complete, with the files that it names; without it, a cycle with
-    /// calibrations that may still be made.
+    /// The purpose for which a cell's file must be complete, with the files that it names; without this option, a
+    /// cycle whose calibration files may still be missing.
     #[arg(long = "for", value_name = "PURPOSE", value_enum)]
     pub purpose: Option<PurposeName>,
 }
@@ -40,7 +40,7 @@ pub struct Check {
 /// The purpose for which a cell's file must be complete.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum PurposeName {
-    /// Commands on files alone: existing entries must be right, none is required.
+    /// Commands that use files only: existing entries must be valid, no entry is required.
     Files,
     /// One function of the robot at a time.
     Robot,
@@ -54,10 +54,10 @@ pub struct Teach {
     /// The panel's recipe.
     #[arg(long, value_name = "FILE")]
     pub recipe: PathBuf,
-    /// The scan at the nominal place: organised PCD or PLY.
+    /// The scan of the panel at its nominal pose: organised cloud as PCD or PLY.
     #[arg(long, value_name = "FILE", required_unless_present_any = ["live", "nominal"])]
     pub scan: Option<PathBuf>,
-    /// The panel's drawing as a mesh, instead of a scan: STL, PLY or OBJ. The recipe's [nominal] states its place.
+    /// The panel's drawing as a mesh, instead of a scan: STL, PLY or OBJ. The recipe's [nominal] states its pose.
     /// With `--flange` alone, the corner pictures are computed from it, too.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["scan", "live", "corner"])]
     pub nominal: Option<PathBuf>,
@@ -75,19 +75,19 @@ pub struct Teach {
     /// are written into the recipe's file, whose comments are kept.
     #[arg(long)]
     pub draw: bool,
-    /// With --live: the region is already in the recipe.
+    /// With --live: do not draw, because the region is already in the recipe.
     #[arg(long, requires = "live", conflicts_with = "draw")]
     pub no_draw: bool,
-    /// Address of the page to draw on: a loopback address; port 0 uses a free one.
+    /// Address of the page to draw on: a loopback address; port 0 selects a free port.
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:0")]
     pub listen: std::net::SocketAddr,
     /// What a simulated cell shows.
     #[command(flatten)]
     pub simulation: Simulation,
-    /// A corner picture at the nominal place; repeatable, each with its `--flange`.
+    /// A picture of a corner of the panel at its nominal pose; repeat the option, each time with `--flange`.
     #[arg(long, value_name = "FILE")]
     pub corner: Vec<PathBuf>,
-    /// The flange's pose at that picture.
+    /// The flange's pose at the corner picture.
     #[arg(long, value_name = "POSE.json")]
     pub flange: Vec<PathBuf>,
     /// Folder for pictures of the taught data or, if nothing could be taught, of the input.
@@ -103,7 +103,7 @@ fn unit(word: &str) -> Result<LengthUnit, String> {
 /// Options of `look`.
 #[derive(Debug, Clone, Args)]
 pub struct Look {
-    /// The scan: organised PCD or PLY.
+    /// The scan: organised cloud as PCD or PLY.
     #[arg(long, value_name = "FILE")]
     pub scan: PathBuf,
     /// Folder for the picture.
@@ -117,7 +117,7 @@ pub struct Locate {
     /// The panel's recipe.
     #[arg(long, value_name = "FILE")]
     pub recipe: PathBuf,
-    /// The scan: organised PCD or PLY.
+    /// The scan: organised cloud as PCD or PLY.
     #[arg(long, value_name = "FILE")]
     pub scan: PathBuf,
     /// File for the located pose, as `--json` prints it: the input for `--located` of other commands.
@@ -134,19 +134,19 @@ pub struct Refine {
     /// The panel's recipe.
     #[arg(long, value_name = "FILE")]
     pub recipe: PathBuf,
-    /// A pose, or the output of `locate`.
+    /// The panel's pose, or the output of `locate`.
     #[arg(long, value_name = "POSE.json")]
     pub located: PathBuf,
-    /// A corner picture; repeatable in the order of teaching, each with its `--flange`.
+    /// A corner picture; repeat the option in the order of teaching, each time with `--flange`.
     #[arg(long, value_name = "FILE", required = true)]
     pub corner: Vec<PathBuf>,
-    /// The flange's pose at that picture.
+    /// The flange's pose at the corner picture.
     #[arg(long, value_name = "POSE.json", required = true)]
     pub flange: Vec<PathBuf>,
     /// File for the corrected pose, as `--json` prints it: the input for `--located` of other commands.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// Folder for pictures of the corner before and after.
+    /// Folder for pictures of the corner before and after the correction.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
 }
@@ -160,17 +160,17 @@ pub struct Inspect {
     /// Folder with numbered pictures and `clip.csv`.
     #[arg(long, value_name = "DIR", required_unless_present = "truth")]
     pub clip: Option<PathBuf>,
-    /// A pose, or the output of `locate` or `refine`. Without it, the panel must be at its nominal place; if the
-    /// dry picture shows it elsewhere, the test is invalid.
+    /// The panel's pose, or the output of `locate` or `refine`. Without this option, the panel must be at its nominal
+    /// pose; if the dry picture shows the panel elsewhere, the test is invalid.
     #[arg(long, value_name = "POSE.json")]
     pub located: Option<PathBuf>,
     /// Grids that were abraded since the dry picture, such as `r2c5,r2c6`, or `all`: the area that the disc may
     /// have touched is compared only with its wet appearance. A grid that is not named is considered untouched.
     #[arg(long, value_name = "GRIDS", value_delimiter = ',')]
     pub abraded: Vec<String>,
-    /// Folder with the true mask for a score; it changes no result. A clip that was labelled contains its own
-    /// truth. Without `--clip`, the folder is a labelled set: a folder of clips, each with its own `truth` or its
-    /// own labels, which is scored as a whole.
+    /// Folder with the true mask, to score the result; the result itself does not change. A clip that was labelled
+    /// contains its own truth. Without `--clip`, the folder is a labelled set: a folder of clips, each with its own
+    /// `truth` or its own labels, which is scored as a whole.
     #[arg(long, value_name = "DIR")]
     pub truth: Option<PathBuf>,
     /// Folder for the mask, the overlay, the film strip and the page to sign; for a set, folder for its plots.
@@ -184,11 +184,11 @@ pub struct Tune {
     /// The panel's recipe.
     #[arg(long, value_name = "FILE")]
     pub recipe: PathBuf,
-    /// Folder with numbered pictures and `clip.csv`, a dry one among them.
+    /// Folder with numbered pictures, at least one of them dry, and `clip.csv`.
     #[arg(long, value_name = "DIR")]
     pub clip: PathBuf,
-    /// A pose, or the output of `locate` or `refine`. Without it, the panel must be at its nominal place; if the
-    /// dry picture shows it elsewhere, the test is invalid.
+    /// The panel's pose, or the output of `locate` or `refine`. Without this option, the panel must be at its nominal
+    /// pose; if the dry picture shows the panel elsewhere, the test is invalid.
     #[arg(long, value_name = "POSE.json")]
     pub located: Option<PathBuf>,
     /// Folder with the true mask of the clip's end; a clip that was labelled contains its own truth.
@@ -205,11 +205,11 @@ pub struct Label {
     /// The panel's recipe, whose grids are drawn over the pictures. The panel must have been taught.
     #[arg(long, value_name = "FILE")]
     pub recipe: Option<PathBuf>,
-    /// A pose, or the output of `locate` or `refine`: the pose of the panel for the grids. Without it, they are drawn
-    /// at its nominal pose.
+    /// The panel's pose, or the output of `locate` or `refine`: the grids are drawn at this pose. Without this option,
+    /// the grids are drawn at the nominal pose.
     #[arg(long, value_name = "POSE.json", requires = "recipe")]
     pub located: Option<PathBuf>,
-    /// Address of the page: a loopback address; port 0 uses a free one.
+    /// Address of the page: a loopback address; port 0 selects a free port.
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:0")]
     pub listen: std::net::SocketAddr,
 }
@@ -220,10 +220,10 @@ pub struct Plan {
     /// The panel's recipe.
     #[arg(long, value_name = "FILE")]
     pub recipe: PathBuf,
-    /// A pose, or the output of `locate` or `refine`; without it, the panel is at its nominal place.
+    /// The panel's pose, or the output of `locate` or `refine`; without this option, its nominal pose.
     #[arg(long, value_name = "POSE.json")]
     pub located: Option<PathBuf>,
-    /// The grids to abrade, `r1c1,r1c2`; without this option all grids.
+    /// The grids to abrade, for example `r1c1,r1c2`; without this option all grids.
     #[arg(long, value_name = "ID,…", value_delimiter = ',')]
     pub grids: Vec<String>,
     /// File for the plan as JSON.

@@ -5,7 +5,7 @@ use clap::{Args, Subcommand, ValueEnum};
 /// Options of `history`.
 #[derive(Debug, Clone, Args)]
 pub struct History {
-    /// The question; without it, cycles are searched.
+    /// The task; without a task, cycles are searched.
     #[command(subcommand)]
     pub what: Option<HistoryTask>,
     /// What is searched.
@@ -29,16 +29,16 @@ pub struct SearchArguments {
     /// Work order.
     #[arg(long, value_name = "ORDER")]
     pub order: Option<String>,
-    /// Panel, by its name in the recipe.
+    /// Name of the panel in the recipe.
     #[arg(long, value_name = "PANEL")]
     pub panel: Option<String>,
     /// Operator, as named at the start.
     #[arg(long, value_name = "NAME")]
     pub operator: Option<String>,
-    /// Begun at this time or later, UTC: 2026-05-31 or 2026-05-31T09:00.
+    /// Only cycles that began at this time or later, UTC: 2026-05-31 or 2026-05-31T09:00.
     #[arg(long, value_name = "DATE")]
     pub from: Option<String>,
-    /// Begun before this time, UTC; a date without a time includes the whole day.
+    /// Only cycles that began before this time, UTC; a date without a time includes the whole day.
     #[arg(long, value_name = "DATE")]
     pub to: Option<String>,
     /// How the cycle ended.
@@ -47,7 +47,7 @@ pub struct SearchArguments {
     /// Words that must all occur in the reasons of the verdict, in codes or sentences.
     #[arg(long, value_name = "WORDS")]
     pub text: Option<String>,
-    /// Only cycles before this one: the next page of a search.
+    /// Only cycles with a smaller number than this cycle: the next part of a long search result.
     #[arg(long, value_name = "N")]
     pub before: Option<i64>,
 }
@@ -79,12 +79,12 @@ pub enum HistoryTask {
     Compare {
         /// The number of one cycle.
         first: i64,
-        /// The number of the other.
+        /// The number of the other cycle.
         second: i64,
     },
     /// The trend of a quantity of a panel over its cycles, with its limits, and with hints by the rules of Western
     /// Electric.
-    #[command(after_help = format!("NAME is one of these words:\n  {}\nor the name of a check as the page of a cycle has it, in quotes.",
+    #[command(after_help = format!("NAME is one of these words:\n  {}\nor, in quotes, the name of a check on the page of a cycle.",
         crate::history::Known::words().join("\n  ")))]
     Trend {
         /// The panel, by its name in the recipe.
@@ -97,7 +97,7 @@ pub enum HistoryTask {
         /// The panel, by its name in the recipe.
         panel: String,
     },
-    /// The alarms of the newest cycles, or of one: when raised, when gone, cause and remedy.
+    /// The alarms of the newest cycles, or of one cycle: when raised, when gone, cause and remedy.
     Alarms {
         /// The number of the cycle.
         cycle: Option<i64>,

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 /// Options of `new`.
 #[derive(Debug, Clone, Args)]
 pub struct New {
-    /// Which file.
+    /// The kind of file.
     #[command(subcommand)]
     pub what: NewFile,
 }
@@ -15,12 +15,12 @@ pub struct New {
 #[derive(Debug, Clone, Subcommand)]
 pub enum NewFile {
     /// A cell's file: cameras, robot, store, park pose of the arm. Tables with numbers of the sample are marked "TO
-    /// CHECK" in it.
+    /// CHECK" in the file.
     #[command(after_help = "Examples, a simulated cell and a real one, without questions:\n  \
         panelprep new cell --yes --no-search --scanner simulated --flange-camera simulated --robot mock --out target/new/cell.toml\n  \
         panelprep new cell --yes --no-search --scanner zivid --flange-camera gige --flange-camera-serial 221600123 --robot eki \
         --host 172.31.1.147 --out target/new/real.toml\n\
-        Without --yes it asks on the terminal.")]
+        Without --yes the command asks on the terminal.")]
     Cell(NewCell),
     /// A recipe for a kind of panel.
     #[command(
@@ -40,7 +40,7 @@ pub struct NewCell {
     /// Accept the proposed answer to each question that no option answers.
     #[arg(long)]
     pub yes: bool,
-    /// Do not look for cameras and for the controller.
+    /// Do not search for cameras and for the controller.
     #[arg(long)]
     pub no_search: bool,
     /// The fixed 3D camera.
@@ -64,10 +64,10 @@ pub struct NewCell {
     /// The controller's address.
     #[arg(long, value_name = "ADDRESS")]
     pub host: Option<String>,
-    /// Axis angles of the arm's park pose, of a real cell: "a1,a2,a3,a4,a5,a6".
+    /// For a real cell, the axis angles of the arm's park pose, degrees: "a1,a2,a3,a4,a5,a6".
     #[arg(long, value_name = "ANGLES", allow_hyphen_values = true)]
     pub park_deg: Option<String>,
-    /// For a real cell, the minimum corner of the box in which the tool's tip must stay: "x,y,z" in the robot's
+    /// For a real cell, the minimum corner of the box in which the tool's tip must stay, mm: "x,y,z" in the robot's
     /// base.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub box_min_mm: Option<String>,
@@ -103,10 +103,10 @@ pub struct NewRecipe {
     /// Its greatest corner.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub box_max_mm: Option<String>,
-    /// Diameter of the sanding disc's contact.
+    /// Diameter of the sanding disc's contact, mm.
     #[arg(long, value_name = "MM")]
     pub disc_diameter_mm: Option<String>,
-    /// Force with which the cell's compliant tool presses; requested if the cell's file has such a tool.
+    /// Force with which the cell's compliant tool presses, N; needed if the cell's file has such a tool.
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     pub force_n: Option<String>,
 }

@@ -14,8 +14,8 @@ pub struct User {
 /// The tasks of the account command.
 #[derive(Debug, Clone, Subcommand)]
 pub enum UserTask {
-    /// Add an account. The command asks for the password; if standard input is not a terminal, its first line is
-    /// the password.
+    /// Add an account. The command asks for the password; if standard input is not a terminal, the first line of
+    /// standard input is the password.
     Add {
         /// The name to log in with: a to z, 0 to 9, dot, hyphen, underscore.
         name: String,

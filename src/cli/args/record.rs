@@ -15,28 +15,28 @@ pub struct RecordCommand {
 #[derive(Debug, Clone, Subcommand)]
 pub enum RecordTask {
     /// Sign the record of a cycle, as the account that runs this command; also while the service runs.
-    #[command(after_help = "Example, after the one of `panelprep cycle --help`:\n  \
+    #[command(after_help = "Example, after the example of `panelprep cycle --help`:\n  \
         panelprep record sign 1 --cell target/cell/cell.toml --name 'Grace Hopper' --meaning reviewed")]
     Sign(SignRecord),
-    /// Write the signed record of a cycle into a folder: canonical JSON, signature, what persons signed, public
-    /// key, head, the files that it names, and the page to read and sign as PDF.
-    #[command(after_help = "Example, after the one of `panelprep cycle --help`:\n  \
+    /// Write the signed record of a cycle into a folder: canonical JSON, signature, signatures by persons,
+    /// public key, head, the files that the record names, and the page to read and sign as PDF.
+    #[command(after_help = "Example, after the example of `panelprep cycle --help`:\n  \
         panelprep record export 1 --cell target/cell/cell.toml --out target/record\n\
-        All of them: panelprep record export --all --out target/records")]
+        All cycles: panelprep record export --all --out target/records")]
     Export(ExportRecord),
-    /// Verify signed records with only the public key: name what was changed, is missing, was exchanged or rolled
-    /// back.
+    /// Verify signed records with only the public key: report records that were changed, are missing, were exchanged or
+    /// were rolled back.
     #[command(
-        after_help = "Example, after the one of `panelprep record export --help`:\n  panelprep record verify \
+        after_help = "Example, after the example of `panelprep record export --help`:\n  panelprep record verify \
                             target/record --public-key target/record/public-key.pem\nAll records of a cell, up to \
                             a head that was kept elsewhere: panelprep record verify target/records --public-key \
                             KEY --head HEAD\nExit codes: 0 no problem was found, 1 a problem was found, 2 a file \
                             cannot be read."
     )]
     Verify(VerifyRecord),
-    /// Print the head of the chain of signed records. If it is written to a file each day and kept elsewhere, it
-    /// shows later whether records were removed from the end.
-    #[command(after_help = "Example, after the one of `panelprep cycle --help`:\n  \
+    /// Print the head of the chain of signed records. If the head is written to a file each day and kept elsewhere,
+    /// it later shows whether records were removed from the end of the chain.
+    #[command(after_help = "Example, after the example of `panelprep cycle --help`:\n  \
         panelprep record head --cell target/cell/cell.toml --out target/head.json")]
     Head(HeadOfRecords),
 }
@@ -79,7 +79,7 @@ pub struct ExportRecord {
     /// Export every cycle that is over.
     #[arg(long)]
     pub all: bool,
-    /// The folder; it is made if it does not exist.
+    /// The folder to write; it is created if it does not exist.
     #[arg(long, value_name = "FOLDER")]
     pub out: PathBuf,
 }
@@ -90,16 +90,16 @@ pub struct VerifyRecord {
     /// Records: `.json` files, each with its `.sig` in the same folder, or folders of records.
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
-    /// The cell's public key as PEM, or several in one file; without it, those in the folder of the cell's store.
+    /// The cell's public key as PEM, or several keys in one file; without this option, the keys in the cell's store.
     #[arg(long, value_name = "FILE")]
     pub public_key: Option<PathBuf>,
     /// A head, with its `.sig` in the same folder. The records must then be all records of the cell, from the first
     /// to the record that the head names.
     #[arg(long, value_name = "FILE")]
     pub head: Option<PathBuf>,
-    /// The records must be all records of the cell, from the first to the last one that is given. Without it, and
-    /// without a head, missing numbers are reported but are not a fault: the record of one cycle is handed on without
-    /// those of others.
+    /// The records must be all records of the cell, from the first to the last one that is given. Without this
+    /// option and without a head, missing numbers are reported but are not a fault: the record of one cycle may be
+    /// passed on without the records of other cycles.
     #[arg(long)]
     pub all: bool,
 }

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 /// Options of `robot`.
 #[derive(Debug, Clone, Args)]
 pub struct Robot {
-    /// Which function.
+    /// The function.
     #[command(subcommand)]
     pub function: RobotFunction,
 }
@@ -56,8 +56,8 @@ pub enum RobotFunction {
         #[arg(value_name = "POSE", allow_hyphen_values = true)]
         flange_from_tool: String,
     },
-    /// set_acc_speed: speeds of the motions that follow in the same epoch; shows whether the controller accepts
-    /// them.
+    /// set_acc_speed: sets the speeds of later motions in the same epoch; shows whether the controller accepts
+    /// these speeds.
     SetSpeed {
         /// Speed of the tip, mm/s; at most the limit of the cell.
         speed_mm_s: f64,
@@ -68,9 +68,9 @@ pub enum RobotFunction {
         #[arg(long, value_name = "PERCENT", default_value_t = 10, value_parser = clap::value_parser!(u8).range(1..=100))]
         axis_percent: u8,
     },
-    /// set_digout: an output by its name in the cell's [io.outputs], if its interlocks are satisfied.
+    /// set_digout: switches an output, named as in the cell's [io.outputs], if its interlocks are satisfied.
     SetOut {
-        /// The name, `light`.
+        /// The name of the output, for example `light`.
         name: String,
         /// On or off.
         #[arg(value_enum)]
@@ -90,7 +90,7 @@ pub enum RobotFunction {
     },
     /// call_subroutine: calls a subroutine of the controller's own list.
     Call {
-        /// Its index there.
+        /// The index of the subroutine in that list.
         index: u16,
     },
     /// None of the nine functions: goes through everything that the installation page requires to be proven on the

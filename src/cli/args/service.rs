@@ -44,7 +44,7 @@ pub struct Run {
 /// Options of the 3D camera's worker.
 #[derive(Debug, Clone, Args)]
 pub struct ZividWorker {
-    /// `libpanelprep_zivid.so`.
+    /// The path of the library `libpanelprep_zivid.so`.
     #[arg(long, value_name = "FILE")]
     pub library: PathBuf,
 }
@@ -60,14 +60,14 @@ pub struct Ctl {
 /// The possible requests.
 #[derive(Debug, Clone, Subcommand)]
 pub enum CtlAsk {
-    /// Begin a cycle, from idle.
+    /// Start a cycle; the cell must be idle.
     Start {
         /// The panel's recipe.
         #[arg(long, value_name = "FILE")]
         recipe: PathBuf,
         /// Record the cycle for `panelprep replay` and Foxglove, in this new file, which the service writes;
-        /// without a name in its store, as recordings/cycle-NNNNNN.mcap. Only you remove it: a minute of film needs
-        /// a gigabyte at full size.
+        /// without a name in its store, as recordings/cycle-NNNNNN.mcap. The service never removes a recording: a
+        /// minute of film needs a gigabyte at full size.
         #[arg(long, value_name = "FILE", num_args = 0..=1)]
         record: Option<Option<PathBuf>>,
         /// The part in the cell: kept with the cycle and shown on its page.
@@ -85,7 +85,7 @@ pub enum CtlAsk {
     Hold,
     /// Continue after a hold, with a new picture of the corner.
     Unhold {
-        /// The panel is dry: locate it again.
+        /// The panel is dry: locate the panel again.
         #[arg(long)]
         dried: bool,
         /// The state on which the decision is based.
@@ -104,7 +104,7 @@ pub enum CtlAsk {
     },
     /// From stopped or complete to idle: everything is switched off and tested, without motion.
     Reset {
-        /// Wait until the cell is idle, and end with 3 if it does not become idle.
+        /// Wait until the cell is idle, and end with exit code 3 if the cell does not become idle.
         #[arg(long)]
         wait: bool,
     },
@@ -118,8 +118,8 @@ pub enum CtlAsk {
     NewDisc,
     /// The cell's status: state, panel, pass, phase, seconds of film, waypoint, the last page.
     State,
-    /// Follow the cell until this command is interrupted: prints a line for each change, with --json one object per
-    /// line.
+    /// Follow the cell until this command is interrupted: prints one line for each change, with --json one object for
+    /// each line.
     Watch,
 }
 
@@ -137,18 +137,18 @@ impl PartArguments {
     /// Returns the names as they are given, without any check.
     pub fn names(&self) -> PartNames {
         let PartArguments { serial, order, operator } = self.clone();
-/// What a person states at a start about the abrasions of the part.
-#[derive(Debug, Clone, Copy, Default, Args)]
-pub struct CountArguments {
-    /// Another part than in the cycles before is in the fixture: abrasions are counted from zero. This statement is
-    /// stored with the cycle.
-    #[arg(long)]
-    pub another_part: bool,
-    /// After a restore from a backup: how many passes this part had in the cycles that the restored store lacks. They
-    /// count, and the statement is stored with the cycle.
-    #[arg(long, value_name = "NUMBER", conflicts_with = "another_part")]
-    pub lost_passes: Option<u8>,
-}
+        /// What a person states at a start about the abrasions of the part.
+        #[derive(Debug, Clone, Copy, Default, Args)]
+        pub struct CountArguments {
+            /// Another part than in the cycles before is in the fixture: abrasions are counted from zero. This statement is
+            /// stored with the cycle.
+            #[arg(long)]
+            pub another_part: bool,
+            /// After a restore from a backup: how many passes this part had in the cycles that the restored store lacks. They
+            /// count, and the statement is stored with the cycle.
+            #[arg(long, value_name = "NUMBER", conflicts_with = "another_part")]
+            pub lost_passes: Option<u8>,
+        }
 
         PartNames { serial, order, operator }
     }

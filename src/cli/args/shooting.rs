@@ -44,10 +44,10 @@ pub struct Shoot {
     /// Length of a film, s.
     #[arg(long, default_value_t = 10.0, value_parser = film_seconds)]
     pub seconds: f64,
-    /// Largest number of pictures of a film that are requested per second.
+    /// Maximum number of pictures per second that are requested for a film.
     #[arg(long, value_name = "N", default_value_t = 5.0, value_parser = film_rate)]
     pub pictures_per_second: f64,
-    /// From this second on, the film's pictures are marked as taken under the spray, the earlier ones as dry.
+    /// From this second on, the film's pictures are marked as taken under the spray, earlier pictures as dry.
     #[arg(long, value_name = "S")]
     pub spray_from_s: Option<f64>,
     /// From this second on, the film's pictures are marked as wet; without this option, a film without spray is marked
@@ -65,6 +65,6 @@ fn film_seconds(text: &str) -> Result<f64, String> {
 }
 
 fn film_rate(text: &str) -> Result<f64, String> {
-    let allowed = || "the limits are 0.1 to 60 a second".to_owned();
+    let allowed = || "the limits are 0.1 to 60 per second".to_owned();
     text.parse().ok().filter(|rate| (0.1..=60.0).contains(rate)).ok_or_else(allowed)
 }

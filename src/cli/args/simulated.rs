@@ -48,14 +48,14 @@ pub struct Demo {
     /// cycle. 0 is an arm with its nominal geometry.
     #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = arm_error)]
     pub arm_error_mm: f64,
-    /// Cameras and tool are calibrated, but the errors of the arm are not.
+    /// Calibrate cameras and tool, but not the errors of the arm.
     #[arg(long, requires = "arm_error_mm")]
     pub uncorrected: bool,
     /// The tool that presses the disc on the panel.
     #[arg(long, value_enum, default_value_t)]
     pub tool: ToolName,
-    /// Make the compliant tool fail during the path: NAME[=VALUE]@N, from the Nth waypoint in contact on, as
-    /// `silent@40`; the score then states how soon the sander was off.
+    /// Make the compliant tool fail during the path: NAME[=VALUE]@N, from the Nth waypoint in contact on, for
+    /// example `silent@40`; the score then states how soon the sander was off.
     #[arg(long, value_name = "FAULT", conflicts_with = "page")]
     pub tool_fault: Option<PlannedToolFault>,
     /// Record the cycle in a new file, for `panelprep replay` and Foxglove; a minute of film needs a gigabyte at
@@ -126,7 +126,7 @@ pub struct MockRobot {
     /// The fault that occurs, and its time: see below.
     #[arg(long, value_name = "SPEC")]
     pub fault: Option<FaultSpec>,
-    /// Execute the controller's KRL programs instead of the model of them: the shipped programs, or with a folder
+    /// Execute the controller's KRL programs instead of the built-in model: the shipped programs or, with a folder,
     /// its .src, .sub and .dat files. Each file of the folder replaces the shipped file of the same name. Parts of
     /// your programs that are not executed are listed.
     #[arg(long, value_name = "FOLDER")]

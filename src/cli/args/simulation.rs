@@ -6,7 +6,7 @@ use clap::{Args, ValueEnum};
 /// The scene that the simulated cell shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum SceneName {
-    /// The right panel, displaced from its nominal place, with greasy spots.
+    /// The right panel, displaced from its nominal pose, with greasy spots.
     #[default]
     Good,
     /// The right panel without grease.
@@ -33,8 +33,8 @@ pub struct Simulation {
     /// geometry.
     #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = arm_error)]
     pub arm_error_mm: f64,
-    /// The simulated compliant tool fails during the path: NAME[=VALUE]@N, from the Nth waypoint in contact on, as
-    /// `silent@40`.
+    /// The simulated compliant tool fails during the path: NAME[=VALUE]@N, from the Nth waypoint in contact on, for
+    /// example `silent@40`.
     #[arg(long, value_name = "FAULT")]
     pub tool_fault: Option<PlannedToolFault>,
     /// Number of parts that a simulated line brings to the simulated cell, with a request for a cycle for each;

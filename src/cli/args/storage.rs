@@ -18,7 +18,7 @@ pub struct StoreCommand {
 #[derive(Debug, Clone, Subcommand)]
 pub enum StoreTask {
     /// Compare every row with the chain of hashes, the chain with its head outside of the database, and every file
-    /// with its hash: name what was changed, deleted, inserted, reordered or rolled back.
+    /// with its hash: report what was changed, deleted, inserted, reordered or rolled back.
     #[command(after_help = "Example, of a copy:\n  panelprep store verify --store /media/copy/store \
                             --rows-only\nExit codes: 0 no problem was found, 1 a problem was found, 2 there is no \
                             store to read.")]
@@ -27,7 +27,7 @@ pub enum StoreTask {
     /// by its name, with the SHA-256 of its content. `panelprep archive check` compares the office's own list with
     /// this list.
     #[command(
-        after_help = "Example, to be taken to the office:\n  panelprep store list --cell target/cell/cell.toml --json > target/cell-1.json"
+        after_help = "Example, for a list to take to the office:\n  panelprep store list --cell target/cell/cell.toml --json > target/cell-1.json"
     )]
     List,
     /// Begin a new epoch of the records for the office: new records get names that no earlier record of this cell
@@ -50,7 +50,7 @@ pub struct RenewStore {
 /// Options of `store verify`.
 #[derive(Debug, Clone, Args)]
 pub struct VerifyStore {
-    /// Leave out the files (scans, pictures), which need most of the time.
+    /// Do not check the files (scans, pictures), which needs most of the time.
     #[arg(long)]
     pub rows_only: bool,
 }
@@ -68,7 +68,7 @@ pub struct Explain {
 /// Options of `replay`.
 #[derive(Debug, Clone, Args)]
 pub struct Replay {
-    /// What `--record` wrote.
+    /// The recording that `--record` wrote.
     pub recording: PathBuf,
 }
 

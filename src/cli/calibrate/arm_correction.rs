@@ -76,7 +76,7 @@ impl InUse {
     pub fn correct_tips(&self, file: &Path, points: &mut Points) -> Result<(), Fault> {
         for (index, (touched, joints)) in points.touched.iter_mut().zip(&points.joints).enumerate() {
             let missing = || {
-                let (number, why) = (index + 1, "the arm's correction needs the axes at each touch");
+                let (number, why) = (index + 1, "the arm's correction needs the axis angles at each touch");
                 Fault::file(file, format!("p{number}_axes_deg = [A1, …, A6] is missing: {why}"))
             };
             let joints = joints.as_ref().ok_or_else(missing)?;

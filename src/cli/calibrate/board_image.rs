@@ -60,7 +60,7 @@ impl BoardImage {
         progress: &dyn Fn(&str),
     ) -> Result<Detected, CalibError> {
         let (columns, rows) = (board.columns(), board.rows());
-        progress(&format!("{}: looking for a board with {columns}×{rows} inner corners", self.name));
+        progress(&format!("{}: searching for a board with {columns}×{rows} inner corners", self.name));
         self.detect(board, half_window_px)
     }
 

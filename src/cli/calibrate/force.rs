@@ -55,9 +55,9 @@ fn measure(files: &CellFiles, (file, readings): (&Path, &[AttitudeReading])) -> 
         "payload {payload_kg:.3} ± {:.3} kg, zero {zero_n:.2} ± {:.2} N (95 %)",
         found.payload_95_kg, found.zero_95_n
     ));
-    outcome.add_line(format!("{} readings, {:.2} N rms off the line", found.readings, found.rms_n));
+    outcome.add_line(format!("{} readings, residuals {:.2} N rms", found.readings, found.rms_n));
     outcome.add_line(format!(
-        "[tool] of the cell's file: payload_kg = {payload_kg:.3} and zero_n = {zero_n:.2}; then verify them"
+        "write payload_kg = {payload_kg:.3} and zero_n = {zero_n:.2} into [tool] of the cell's file, then verify with --verify"
     ));
     Ok(outcome)
 }
@@ -98,7 +98,9 @@ fn verify(files: &CellFiles, readings: &[AttitudeReading]) -> Result<Outcome, Fa
     outcome.put("limit_n", json!(demands.limit));
     outcome.put("number", json!(number));
     let [off, allowed] = apart(error_n, demands.limit, 2);
-    outcome.add_line(format!("force without contact: {off} N off (limit {allowed} N); kept as number {number}"));
+    outcome.add_line(format!(
+        "force without contact: deviation {off} N (limit {allowed} N); stored as verification number {number}"
+    ));
     Ok(outcome)
 }
 

@@ -67,7 +67,9 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     };
     if let Some([x, y, z]) = args.at_mm {
         let Some(at) = A::seen_from(&found.adjusted.to_from_camera, Point::at(x, y, z)) else {
-            let error = CalibError::Points("--at-mm is a point of the base: it needs a fixed camera".to_owned());
+            let error = CalibError::Points(
+                "--at-mm is a point in the robot's base: use this option only with a fixed camera".to_owned(),
+            );
             return Err(Fault::stage(error));
         };
         found = calibrated(&stations, Some(at))?;
@@ -103,21 +105,21 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
             json!({(A::TABLE): pose_of(second), "apart_mm": apart_mm, "uncertainty_mm": second.uncertainty_mm}),
         );
         outcome.add_line(format!(
-            "from the 3D camera's own points (this mount is kept): {} ± {:.3} mm ({apart_mm:.3} mm apart at the \
-             panel)",
+            "mount from the 3D camera's own points (this mount is used): {} ± {:.3} mm ({apart_mm:.3} mm from the mount \
+             by pictures, at the panel)",
             pose_of(second),
             second.uncertainty_mm
         ));
     }
     if second.is_none() && has_scans {
         outcome.add_line(format!(
-            "the mount of the pictures is kept: the 3D camera's points show the board in {} shots, {MIN_STATIONS} are needed",
+            "the mount by pictures is used: the 3D camera's points show the board in {} shots, at least {MIN_STATIONS} are needed",
             measured.len()
         ));
     }
     if let Some(rough) = rough {
         let apart_mm = rough.distance_at_mm(found.adjusted.to_from_camera, Point::at(0.0, 0.0, 0.0));
-        outcome.add_line(format!("{apart_mm:.0} mm from the rough mount in the cell's file"));
+        outcome.add_line(format!("distance from the rough mount in the cell's file: {apart_mm:.0} mm"));
     }
     if let Some(next) = next_pose(&camera, &board, &stations, &found) {
         outcome.put("next_pose", json!(next.base_from_flange));
@@ -181,7 +183,7 @@ fn looks(
     progress: &(dyn Fn(&str) + Sync),
 ) -> Result<(Vec<BoardPicture>, Vec<(String, String)>), Fault> {
     let (Some(file), Some(folder)) = (&args.poses, &args.images) else {
-        return Err(Fault::stage(CalibError::Points("--poses and --images belong together".to_owned())));
+        return Err(Fault::stage(CalibError::Points("give --poses and --images together".to_owned())));
     };
     let is_there = |image: &str| folder.join(image).is_file();
     let poses = files::picture_poses(&file.display().to_string(), &disk::read_text(file)?, &is_there)?;
@@ -257,7 +259,7 @@ fn report_result<A: Arrangement>(
         true => format!("the lens contributes ± {lens_mm:.3} mm"),
         false => "the intrinsics' file states no covariance: the lens is assumed to have no error".to_owned(),
     };
-    outcome.add_line(format!("± {:.3} mm at the panel (95 %); {lens}", found.uncertainty_mm));
+    outcome.add_line(format!("uncertainty ± {:.3} mm at the panel (95 %); {lens}", found.uncertainty_mm));
     if found.poses_each > 1.0 {
         outcome.add_line(format!(
             "the arm's errors are correlated in neighbouring poses: {:.1} poses count as one; calibrate the arm (`panelprep calibrate \
@@ -266,25 +268,25 @@ fn report_result<A: Arrangement>(
         ));
     }
     outcome.add_line(format!(
-        "picture and robot disagree by {:.3} mm and {:.4}° rms; found noise: corners {:.3} px, robot {:.3} mm and {turn_deg:.4}°",
+        "residuals between pictures and robot {:.3} mm and {:.4}° rms; estimated noise: corners {:.3} px, robot {:.3} mm and {turn_deg:.4}°",
         found.rms_mm, found.rms_deg, noise.corner, noise.shift_mm
     ));
     if let Some(size) = &found.square {
         let (mm, known_mm) = (size.ratio * board.square_mm(), size.ratio_95() * board.square_mm());
         outcome.add_line(format!(
-            "the board's squares by the robot's motions: {mm:.3} ± {known_mm:.3} mm, stated {} mm",
+            "side of the board's squares by the robot's motions: {mm:.3} ± {known_mm:.3} mm, stated {} mm",
             board.square_mm()
         ));
     }
-    outcome.add_line(format!("without the worst picture, {left_out}, the result moves by {left_out_mm:.3} mm"));
+    outcome.add_line(format!("without the worst picture, {left_out}, the result changes by {left_out_mm:.3} mm"));
     for residual in &found.residuals {
         let mark = if residual.used { "" } else { "  does not fit" };
         outcome.add_line(format!("  {}: {:.3} mm, {:.4}°{mark}", residual.name, residual.mm, residual.deg));
     }
     if gate::outliers_may_stay_out(found) {
-        found.suspects.iter().for_each(|suspect| outcome.add_line(format!("left out: {suspect}")));
+        found.suspects.iter().for_each(|suspect| outcome.add_line(format!("excluded: {suspect}")));
     }
     for (file, reason) in aside {
-        outcome.add_line(format!("set aside: {file}: {reason}"));
+        outcome.add_line(format!("excluded: {file}: {reason}"));
     }
 }

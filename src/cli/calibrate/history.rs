@@ -22,7 +22,7 @@ pub fn run(common: &Common) -> Result<Outcome, Fault> {
     let all = CellFiles::read(common)?.store()?.verification_history().map_err(Fault::stage)?;
     let mut outcome = Outcome::from_judgement(&Judgement::new(vec![], vec![]));
     if all.is_empty() {
-        outcome.add_line("nothing was verified yet");
+        outcome.add_line("the store contains no verification yet");
     }
     all.iter().for_each(|(number, verification)| outcome.add_line(line(*number, verification)));
     let rows: Vec<Value> = all.iter().map(|(number, verification)| row(*number, verification)).collect();
@@ -46,7 +46,9 @@ pub fn strike(args: &StrikeOut, common: &Common) -> Result<Outcome, Fault> {
         TOOL_FORCE => "calibrate force --verify",
         _ => "calibrate verify",
     };
-    outcome.add_line(format!("it stays in the store but no longer counts; run `panelprep {again}` again"));
+    outcome.add_line(format!(
+        "the verification stays in the store but is no longer valid; run `panelprep {again}` again"
+    ));
     outcome.put("verification", row(args.number, &verification));
     Ok(outcome)
 }
@@ -60,7 +62,7 @@ fn line(number: i64, verification: &Verification) -> String {
     let struck = struck.unwrap_or_default();
     let [off, limit] = apart(*error, *limit, 3);
     let unit = health::unit(subject);
-    format!("{number:5}  {day}  {subject:13}  {off} {unit} off, allowed were {limit} {unit}{struck}")
+    format!("{number:5}  {day}  {subject:13}  deviation {off} {unit} (limit {limit} {unit}){struck}")
 }
 
 fn row(number: i64, verification: &Verification) -> Value {

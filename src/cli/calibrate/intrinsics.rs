@@ -71,7 +71,7 @@ pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fau
     let mut judgement = gate::intrinsics(&found);
     // A lens that does not pass the check of its file format is never written.
     if let Err(problems) = Intrinsics::check(&args.out.display().to_string(), &text) {
-        let mut reasons = vec![Reason::new("not_a_lens", format!("these numbers are no lens: {problems}"))];
+        let mut reasons = vec![Reason::new("not_a_lens", format!("these values are not a valid lens: {problems}"))];
         reasons.append(&mut judgement.reasons);
         judgement = Judgement::new(reasons, vec![]);
     }
@@ -106,7 +106,7 @@ fn left_out(found: &Calibrated) -> Vec<String> {
             .model
             .left_out()
             .iter()
-            .map(|name| format!("{name}: --model names a lens without it"))
+            .map(|name| format!("{name}: not part of the lens model of --model"))
             .collect();
     }
     let own = found.trials.iter().find(|trial| trial.model == found.model).and_then(|trial| trial.left_out_rms_px);
@@ -115,10 +115,10 @@ fn left_out(found: &Calibrated) -> Vec<String> {
         let new: Vec<&str> = model.added();
         Some(match (trial.left_out_rms_px, own) {
             (Some(with), Some(without)) => format!(
-                "{}: pictures that were left out are foretold to {with:.4} px rms with it and to {without:.4} px without it",
+                "{}: error in left-out pictures {with:.4} px rms if included, {without:.4} px rms if not",
                 new.join(", ")
             ),
-            _ => format!("{}: no lens with it could be fitted without some of the pictures", new.join(", ")),
+            _ => format!("{}: if included, no lens fits the subsets of the pictures", new.join(", ")),
         })
     };
     LensModel::ALL.iter().filter(|model| **model > found.model).filter_map(reason).collect()
@@ -148,14 +148,14 @@ fn tell_model(outcome: &mut Outcome, found: &Calibrated, board: &Board) {
     let outline = support.outline_px.as_ref().map(|all| all.iter().map(|p| [p.u, p.v]).collect::<Vec<_>>());
     outcome.put("support", json!({"share": support.share, "error_px": support.error_px, "outline_px": outline}));
     outcome.add_line(format!(
-        "model {}; in pictures that were left out corners are {:.3} px rms off, 95 % within {:.3} px",
+        "model {}; error of corners in left-out pictures {:.3} px rms, 95 % within {:.3} px",
         found.model.name(),
         found.left_out_rms_px,
         found.left_out_95_px
     ));
-    left_out.iter().for_each(|reason| outcome.add_line(format!("left out: {reason}")));
+    left_out.iter().for_each(|reason| outcome.add_line(format!("left out of the lens model: {reason}")));
     outcome.add_line(format!(
-        "the lens is known to {:.2} px in {:.0} % of the picture",
+        "the lens is determined to {:.2} px in {:.0} % of the picture",
         support.error_px,
         support.share * 100.0
     ));
@@ -163,12 +163,12 @@ fn tell_model(outcome: &mut Outcome, found: &Calibrated, board: &Board) {
     outcome.put("next_picture", json!(next.as_ref().map(|next| &next.words)));
     match next {
         Some(next) => outcome.add_line(format!(
-            "one more picture would help most with {}: the lens's error falls to {:.0} %",
+            "the most useful next picture: {}; the lens's error then falls to {:.0} % of its present value",
             next.words,
             next.error_share * 100.0
         )),
         None => outcome
-            .add_line("no single further picture would lower the lens's error by 2 % or more: these are enough"),
+            .add_line("no further picture would reduce the lens's error by 2 % or more: the pictures are enough"),
     }
 }
 
@@ -259,15 +259,15 @@ fn build_outcome(
         .flatten()
         .fold((0, 0), |(modelled, all), found| (modelled + found.modelled, all + found.corners.len()));
     let placed = match modelled {
-        0 => "corners by cornerSubPix".to_owned(),
-        modelled => format!("{modelled} of {corners} corners by a model of their grey levels"),
+        0 => "corners located by OpenCV's cornerSubPix".to_owned(),
+        modelled => format!("{modelled} of {corners} corners located by a model of their grey levels"),
     };
     outcome.put("half_window_px", json!([least, most]));
     outcome.put("corners", json!({"found": corners, "modelled": modelled}));
     outcome.put("coverage", json!(found.coverage));
     outcome.put("tilt_deg", json!(found.tilt_deg));
     outcome.add_line(format!(
-        "{:.3} px rms; windows of ±{} to ±{} px, {placed}; corners cover {:.0} % of the picture; tilts of {:.0}° to {:.0}°",
+        "residuals {:.3} px rms; windows of ±{} to ±{} px, {placed}; corners cover {:.0} % of the picture; tilts of the board {:.0}° to {:.0}°",
         found.rms_px,
         least.unwrap_or(0),
         most.unwrap_or(0),
@@ -290,7 +290,7 @@ fn tell_images(
         let view = views.iter().find(|view| view.name == picture.name);
         let reason = match (detected, view) {
             (Err(error), _) => Some(error.to_string()),
-            (Ok(_), None) => Some("there is no lens to hold it against".to_owned()),
+            (Ok(_), None) => Some("no lens was determined, so this picture was not checked".to_owned()),
             (Ok(_), Some(view)) => view.set_aside.clone(),
         };
         let rms_px = view.map(|view| view.rms_px);
@@ -301,7 +301,7 @@ fn tell_images(
         let text = |key: &str| image[key].as_str().unwrap_or("").to_owned();
         match image["rms_px"].as_f64().filter(|_| image["used"] == true) {
             Some(rms_px) => outcome.add_line(format!("  {}: {rms_px:.3} px", text("file"))),
-            None => outcome.add_line(format!("set aside: {}: {}", text("file"), text("reason"))),
+            None => outcome.add_line(format!("excluded: {}: {}", text("file"), text("reason"))),
         }
     }
     outcome.put("images", Value::Array(images));

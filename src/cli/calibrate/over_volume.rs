@@ -37,14 +37,14 @@ pub fn run(
 ) -> Result<Outcome, Fault> {
     if args.camera != CameraName::FlangeCamera {
         let message =
-            "--poses is for the camera on the flange: the fixed camera sees the same board from one place only";
+            "--poses is for the camera on the flange: the fixed camera sees a board at rest from one position only";
         return Err(Fault::stage(CalibError::Points(message.to_owned())));
     }
     let folder = poses_file.parent().unwrap_or(Path::new("."));
     let is_there = |image: &str| folder.join(image).is_file();
     let name = poses_file.display().to_string();
     let poses = files::picture_poses(&name, &disk::read_text(poses_file)?, &is_there)?;
-    progress(&format!("{name}: the board in {} pictures", poses.len()));
+    progress(&format!("{name}: searching for the board in {} pictures", poses.len()));
     let (lens, mount) = (files.flange_camera()?, files.flange_from_camera()?);
     let arm = InUse::of_cell(files);
     let window = args.board.subpix.map(|half_window_px| half_window_px as usize);
@@ -110,7 +110,8 @@ fn record_verification(
     });
     outcome.put("left", places.collect());
     outcome.put("set_aside", aside.iter().map(|(file, reason)| json!({"file": file, "reason": reason})).collect());
-    outcome.add_line(format!("{} pictures: {rms_mm:.3} mm rms, {worst_mm:.3} mm at most", left.len()));
+    outcome
+        .add_line(format!("{} pictures: remaining error {rms_mm:.3} mm rms, {worst_mm:.3} mm at most", left.len()));
     for one in left {
         let place = one.place.mm;
         let (name, mm) = (&one.name, one.error_mm);
@@ -119,7 +120,7 @@ fn record_verification(
             place.x, place.y, place.z
         ));
     }
-    aside.iter().for_each(|(file, reason)| outcome.add_line(format!("set aside: {file}: {reason}")));
+    aside.iter().for_each(|(file, reason)| outcome.add_line(format!("excluded: {file}: {reason}")));
     if let Some(folder) = &args.pictures {
         let file = folder.join("map_flange_camera.svg");
         let limit_mm = files.cell.limits().verify_limit_mm();

@@ -108,17 +108,17 @@ fn report_result(outcome: &mut Outcome, found: &Fitted, coupons: &[Coupon]) {
     outcome.put("discs", json!(found.discs.map(|discs| discs.count)));
     outcome.put("disc_deviation_percent", json!(found.discs.map(|discs| 100.0 * discs.deviation)));
     outcome.add_line(format!(
-        "k of a new disc {:.3e} mm²/N ± {} % (95 %)",
+        "Preston's coefficient k of a new disc: {:.3e} mm²/N ± {} % (95 %)",
         found.preston_mm2_per_n,
         fixed(known_percent, 1)
     ));
     outcome.add_line(format!(
-        "wear: ln k falls by {} ± {} while the disc sweeps a square metre",
+        "wear: ln k falls by {} ± {} for each square metre that the disc has swept",
         fixed(wear, 2),
         fixed(wear_95, 2)
     ));
     outcome.add_line(format!(
-        "{} measured places, {} % rms from the model; left-out places {} % from what the others predict",
+        "{} measured places, {} % rms from the model; places that were left out of the fit: {} % rms from the prediction",
         coupons.len(),
         fixed(100.0 * found.coupon_deviation, 1),
         fixed(100.0 * found.left_out_rms(), 1)
@@ -130,11 +130,11 @@ fn report_result(outcome: &mut Outcome, found: &Fitted, coupons: &[Coupon]) {
         None => "the scatter from disc to disc is not known".to_owned(),
     });
     outcome.add_line(format!(
-        "the depth goes with the {} power of the force and the {} power of the passes",
+        "exponents of the depth: {} for the force, {} for the number of passes",
         power_words(found.powers.force),
         power_words(found.powers.passes)
     ));
-    outcome.add_line("coupon            line   measured µm   by the others µm   off %".to_owned());
+    outcome.add_line("coupon            line   measured µm     predicted µm   off %".to_owned());
     let mut told = Vec::with_capacity(coupons.len());
     for (coupon, one) in coupons.iter().zip(&found.left_out) {
         let foretold = one.map(|one| (one.foretold_um, 100.0 * one.off, one.is_outlier));

@@ -117,7 +117,9 @@ fn touches(args: &Args, file: &Path, data: &RobotData, cameras: &[PinholeCamera]
     let wrong = |words: String| Fault::stage(CalibError::Points(format!("{}: {words}", file.display())));
     let rig = |kind: RigKind, option: &str| {
         let found = data.rigs.iter().position(|rig| rig.kind == kind);
-        found.ok_or_else(|| wrong(format!("the camera of a touched corner is not calibrated here; give {option}")))
+        found.ok_or_else(|| {
+            wrong(format!("the poses of the camera that saw a touched corner are missing; give {option}"))
+        })
     };
     let corner = |column: usize, row: usize| {
         let (columns, rows) = (board.columns(), board.rows());
@@ -234,14 +236,14 @@ fn report_result(outcome: &mut Outcome, found: &RobotFound, aside: &[(String, St
             let [[x0, x1], [y0, y1], [z0, z1]] =
                 std::array::from_fn(|axis| [middle_mm[axis] - half_mm[axis], middle_mm[axis] + half_mm[axis]]);
             outcome.add_line(format!(
-                "no axis angles: a smooth correction, good within x {x0:.0} to {x1:.0}, y {y0:.0} to {y1:.0}, z {z0:.0} to {z1:.0} mm"
+                "no axis angles: a smooth correction, valid within x {x0:.0} to {x1:.0}, y {y0:.0} to {y1:.0}, z {z0:.0} to {z1:.0} mm"
             ));
             "smooth".to_owned()
         }
     };
     outcome.put("kind", json!(kind));
     outcome.add_line(format!(
-        "pictures that were left out: {:.3} mm rms off with mounts and boards alone, {:.3} mm with the correction",
+        "left-out pictures: residuals {:.3} mm rms with mounts and boards alone, {:.3} mm rms with the correction",
         found.left_out_before_mm, found.left_out_after_mm
     ));
     let numbers = found.numbers.iter().map(|number| {
@@ -255,12 +257,14 @@ fn report_result(outcome: &mut Outcome, found: &RobotFound, aside: &[(String, St
     }
     let names: Vec<&str> = untold.iter().map(|number| number.name.as_str()).collect();
     if !names.is_empty() {
-        outcome
-            .add_line(format!("not determined by these data, and kept near the drawing's: {}", names.join("; ")));
+        outcome.add_line(format!(
+            "not determined by these data, and held near the values of the drawing: {}",
+            names.join("; ")
+        ));
     }
     if let Some(tip) = found.tip_mm {
         outcome.put("tip_mm", json!([tip.x, tip.y, tip.z]));
     }
     outcome.put("set_aside", aside.iter().map(|(file, reason)| json!({"file": file, "reason": reason})).collect());
-    aside.iter().for_each(|(file, reason)| outcome.add_line(format!("set aside: {file}: {reason}")));
+    aside.iter().for_each(|(file, reason)| outcome.add_line(format!("excluded: {file}: {reason}")));
 }

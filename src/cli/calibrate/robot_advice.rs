@@ -38,8 +38,8 @@ pub(super) fn report_advice(
             json!({"median": median_mm, "worst": worst_mm, "at_mm": [x, y, z], "places": places}),
         );
         outcome.add_line(format!(
-            "with the correction the tip is off by at most {median_mm:.2} mm (95 %, median of {places} places of the working \
-             volume), {worst_mm:.2} mm at worst, at ({x:.0}, {y:.0}, {z:.0}) mm"
+            "error of the tip with the correction: at most {median_mm:.2} mm (95 %, median of {places} positions in the working \
+             volume); at the worst position {worst_mm:.2} mm, at ({x:.0}, {y:.0}, {z:.0}) mm"
         ));
     }
     let candidates = candidates(cell, found, data, (cameras, board));
@@ -51,14 +51,14 @@ pub(super) fn report_advice(
 
 fn words(found: &RobotFound, next: Option<&NextPose>) -> String {
     let Some(next) = next else {
-        return "no next pose: no pose within the axes' limits shows a whole board, or the data determine no number \
+        return "no next pose: no pose within the axis limits shows a whole board, or the data determine no parameter \
                 yet"
             .to_owned();
     };
     let less = |share: f64| format!("{:.1} %", 100.0 * (1.0 - share));
     if next.is_enough() {
         return format!(
-            "enough: no other pose makes the tip's stated error smaller by more than {}",
+            "enough poses: no further pose reduces the tip's stated error by more than {}",
             less(next.tip_share)
         );
     }
@@ -68,8 +68,8 @@ fn words(found: &RobotFound, next: Option<&NextPose>) -> String {
         format!("axes [{}]°, ", all.join(", "))
     });
     format!(
-        "the next pose, for {}: {axes}flange X {x_mm:.1} Y {y_mm:.1} Z {z_mm:.1} A {a_deg:.1} B {b_deg:.1} C {c_deg:.1}; the weakest \
-         number, {}, is known better by {}; another pose makes the tip's stated error smaller by up to {}",
+        "next pose, for {}: {axes}flange X {x_mm:.1} Y {y_mm:.1} Z {z_mm:.1} A {a_deg:.1} B {b_deg:.1} C {c_deg:.1}; the uncertainty \
+         of the least known parameter, {}, falls by {}; a further pose reduces the tip's stated error by up to {}",
         board_words(found, next.rig),
         next.weakest,
         less(next.weakest_share),
@@ -79,7 +79,7 @@ fn words(found: &RobotFound, next: Option<&NextPose>) -> String {
 
 fn board_words(found: &RobotFound, rig: usize) -> &'static str {
     match found.rigs[rig].kind {
-        RigKind::EyeToHand => "the board on the flange before the fixed camera",
+        RigKind::EyeToHand => "the board on the flange in front of the fixed camera",
         RigKind::EyeInHand => "the fixed board in front of the camera on the flange",
     }
 }

@@ -45,7 +45,7 @@ pub fn run(args: &Args, scan: &Path) -> Result<Outcome, Fault> {
         let beyond = beyond(MEDIAN_PX.1);
         let [off, allowed] = apart(found.median_px, if beyond { MEDIAN_PX.1 } else { MEDIAN_PX.0 }, 3);
         let message = format!(
-            "half of the points lie {off} px or more off the rays of the lens that fits best (limit {allowed} px): \
+            "half of the points are {off} px or more from the rays of the best-fitting lens (limit {allowed} px): \
              was the scan smoothed or moved after it was taken?"
         );
         let reason = Reason::new("off_rays", message);
@@ -60,8 +60,8 @@ pub fn run(args: &Args, scan: &Path) -> Result<Outcome, Fault> {
         review.push(Reason::new(
             "flat",
             format!(
-                "the depths of the scan differ by {found} % of the distance, {wanted} % are wanted: a flat scan in another frame has a lens of \
-                 its own, and it would be wrong; scan a cell with things at several distances"
+                "the depths of the scan differ by {found} % of the distance, at least {wanted} % are needed: a flat scan in another frame \
+                 would give a wrong lens; scan a cell with objects at several distances"
             ),
         ));
     }
@@ -75,7 +75,7 @@ pub fn run(args: &Args, scan: &Path) -> Result<Outcome, Fault> {
     };
     let text = intrinsics.to_toml();
     if let Err(problems) = Intrinsics::check(&args.out.display().to_string(), &text) {
-        reject.push(Reason::new("not_a_lens", format!("these numbers are no lens: {problems}")));
+        reject.push(Reason::new("not_a_lens", format!("these values are not a valid lens: {problems}")));
     }
     let judgement = Judgement::new(reject, review);
     let mut outcome = Outcome::from_judgement(&judgement);
@@ -98,7 +98,7 @@ pub fn run(args: &Args, scan: &Path) -> Result<Outcome, Fault> {
     outcome.put("width_px", json!(lens.width_px));
     outcome.put("height_px", json!(lens.height_px));
     outcome.add_line(format!(
-        "fx {:.2}, fy {:.2}, cx {:.2}, cy {:.2} px: half of the points lie within {:.4} px of its rays",
+        "fx {:.2}, fy {:.2}, cx {:.2}, cy {:.2} px: half of the points are within {:.4} px of the rays of this lens",
         lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px, found.median_px
     ));
     keep(&mut outcome, &judgement, &args.out, &text)?;

@@ -70,7 +70,7 @@ pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fau
     if let Some(folder) = &args.pictures {
         let picture = report::depth_error_map(&lens.camera, &found).map_err(Fault::stage)?;
         let file = pictures::save(folder, "scanner_errors", &picture)?;
-        outcome.add_line(format!("{}: the errors over the camera's picture", file.display()));
+        outcome.add_line(format!("{}: map of the errors over the camera's picture", file.display()));
     }
     keep(&mut outcome, &judgement, &args.out, &text)?;
     Ok(outcome)
@@ -79,7 +79,7 @@ pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fau
 fn read(file: &Path, (board, window): (&Board, Option<usize>), camera: &PinholeCamera) -> Result<Read, Fault> {
     let board_image = BoardImage::read(file, camera)?;
     let Some(cloud) = board_image.cloud() else {
-        let message = format!("{}: a scan is needed, .pcd or .ply; a picture has no depth", file.display());
+        let message = format!("{}: is a picture, which has no depth; name a scan, .pcd or .ply", file.display());
         return Err(Fault::stage(CalibError::Points(message)));
     };
     let view = board_image.detect(board, window).and_then(|detected| {
@@ -104,7 +104,7 @@ fn tell_aside(outcome: &mut Outcome, all: &[Read]) {
         if let Err(error) = view {
             let why = error.to_string();
             let named = if why.starts_with(name.as_str()) { why } else { format!("{name}: {why}") };
-            outcome.add_line(format!("left out: {named}"));
+            outcome.add_line(format!("excluded: {named}"));
         }
     }
 }
@@ -113,25 +113,25 @@ fn report_result(outcome: &mut Outcome, found: &ScannerErrors, all: &[Read]) {
     let [low_mm, high_mm] = found.correlation_between_mm.map(|mm| fixed(mm, 0));
     outcome.add_line(format!("white noise of a pixel {} mm at 700 mm", fixed(found.white_mm, 3)));
     outcome.add_line(format!(
-        "smooth error of a scan {} mm, alike over {} mm (95 %: {low_mm} to {high_mm} mm)",
+        "smooth error of a scan {} mm, correlation length {} mm (95 %: {low_mm} to {high_mm} mm)",
         fixed(found.smooth_mm, 3),
         fixed(found.correlation_mm, 0)
     ));
     let plain = fixed(found.left_out_plain_mm, 3);
     outcome.add_line(match found.left_out_corrected_mm {
         Some(corrected_mm) => format!(
-            "the same error in each scan: up to {} mm at 700 mm, which is subtracted from now on; scans that were \
-             left out are {plain} mm rms off a plane without this correction, {} mm with it",
+            "systematic error of all scans: up to {} mm at 700 mm, which is subtracted from later scans; left-out scans \
+             deviate from a plane by {plain} mm rms without this correction, by {} mm rms with this correction",
             fixed(found.field_most_mm, 2),
             fixed(corrected_mm, 3)
         ),
         None => format!(
-            "no error is the same in each scan: they are {plain} mm rms off a plane, and a correction \
-                         would not improve this"
+            "no systematic error: the scans deviate from a plane by {plain} mm rms, and a correction would not \
+             reduce this deviation"
         ),
     });
     outcome.add_line(format!(
-        "distances are {} % too long, {} % from scan to scan; the board is bowed by {} mm",
+        "distances are {} % too long, scatter from scan to scan {} %; bow of the board {} mm",
         fixed(found.scale_percent, 3),
         fixed(found.scale_deviation_percent, 3),
         fixed(found.bow_mm, 2)
@@ -147,7 +147,7 @@ fn report_result(outcome: &mut Outcome, found: &ScannerErrors, all: &[Read]) {
     outcome.put("scale_deviation_percent", json!(found.scale_deviation_percent));
     outcome.put("board_bow_mm", json!(found.bow_mm));
     outcome.put("places", json!(found.residuals_mm.len()));
-    outcome.add_line("scan                  rms off its plane, mm".to_owned());
+    outcome.add_line("scan                  rms from its plane, mm".to_owned());
     let used = all.iter().filter(|(_, _, view)| view.is_ok());
     for ((name, _, _), rms_mm) in used.zip(&found.residuals_mm) {
         outcome.add_line(format!("{name:20}  {}", fixed(*rms_mm, 3)));

@@ -36,8 +36,8 @@ impl Target {
         if let Some((named, told)) = told.filter(|(_, told)| *told != board) {
             let said = BoardSize { board: named.board.clone(), square_mm: told.square_mm() };
             let message = format!(
-                "this target is the board {size}, but the command states {said}; correct the command or leave both \
-                 out, or learn the target again with --learn"
+                "the target file states {size}, but the command states {said}; correct --board and --square-mm, \
+                 or leave both out, or write the target again with --learn"
             );
             return Err(Fault::file(file, CalibError::Points(message)));
         }

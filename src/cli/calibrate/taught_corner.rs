@@ -28,16 +28,16 @@ pub fn run(args: &Verify, files: &CellFiles, recipe_file: &Path) -> Result<Outco
         ));
     }
     let Some(flange) = &args.flange else {
-        return Err(wrong("--flange is missing: the flange's pose at the picture"));
+        return Err(wrong("--flange is missing: give the flange's pose at the picture"));
     };
     let recipe = load::recipe(recipe_file)?;
     let taught = load::taught(files, recipe_file, &recipe)?;
     let (camera, mount) = (files.flange_camera()?, files.flange_from_camera()?);
-    let Some(image) = &args.image else { return Err(wrong("--image is missing: the picture of the corner")) };
+    let Some(image) = &args.image else { return Err(wrong("--image is missing: give the picture of the corner")) };
     let (image, flange) = (std::slice::from_ref(image), std::slice::from_ref(flange));
     let shots = load::corner_shots(files, image, flange, &camera.value)?;
     let (Some(shot), Some(corner)) = (shots.first(), taught.corners.first()) else {
-        return Err(wrong("no corner of this panel was taught; teach it with --corner and --flange"));
+        return Err(wrong("no corner of this panel was taught; teach a corner with --corner and --flange"));
     };
     let base_from_flange: Rigid<Base, Flange> = shot.base_from_flange.to_rigid();
     let panel_from_camera = panel_from_base_at_teaching() * base_from_flange * mount.value;

@@ -45,7 +45,7 @@ pub fn run(args: &Args, common: &Common) -> Result<Outcome, Fault> {
     outcome.put("axis_measured", json!(axis.is_some()));
     outcome.put("axis_residuals_deg", json!(axis.as_ref().map(|axis| &axis.residuals_deg)));
     outcome.add_line(format!("flange_from_tool {pose}"));
-    outcome.add_line(format!("{:.3} mm rms, the tip ± {:.3} mm (95 %)", point.rms_mm, point.uncertainty_mm));
+    outcome.add_line(format!("residuals {:.3} mm rms, tip ± {:.3} mm (95 %)", point.rms_mm, point.uncertainty_mm));
     for (index, residual_mm) in point.residuals_mm.iter().enumerate() {
         outcome.add_line(format!("  pose {}: {residual_mm:.3} mm", index + 1));
     }

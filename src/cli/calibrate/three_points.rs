@@ -36,7 +36,9 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     let board = boards::board(&args.board)?;
     let camera = intrinsics(&args.intrinsics)?.camera;
     let Some(image) = &args.image else {
-        return Err(Fault::stage(CalibError::Points("--image is missing: the picture of the board".to_owned())));
+        return Err(Fault::stage(CalibError::Points(
+            "--image is missing: give the picture of the board".to_owned(),
+        )));
     };
     let board_image = BoardImage::read(image, &camera)?;
     let detected =
@@ -61,7 +63,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
         let mut outcome = Outcome::from_judgement(&Judgement::new(vec![], vec![]));
         outcome.add_line(format!("{}: touch the corners in their order, 1 to 4", picture.display()));
         for (index, (column, row)) in to_touch.iter().enumerate() {
-            outcome.add_line(format!("  p{} is p{}_corner = [{column}, {row}]", index + 1, index + 1));
+            outcome.add_line(format!("  point {}: p{}_corner = [{column}, {row}]", index + 1, index + 1));
         }
         outcome.put("picture", json!(picture));
         outcome.put("corners", json!(to_touch));
@@ -96,11 +98,11 @@ fn build_outcome<A: Mounted>(judgement: &Judgement, found: &ThreePoints<A>) -> O
     outcome.add_line(format!("{} {pose}", A::TABLE));
     let [first, second, third] = found.distance_errors_mm;
     outcome.add_line(format!(
-        "corners {:.3} px rms; distances 1–2 {first:+.3}, 2–3 {second:+.3}, 1–3 {third:+.3} mm",
+        "corners {:.3} px rms; errors of the distances 1–2 {first:+.3}, 2–3 {second:+.3}, 1–3 {third:+.3} mm",
         found.pnp_rms_px
     ));
     if let Some(check_mm) = found.check_mm {
-        outcome.add_line(format!("the fourth point is {check_mm:.3} mm off"));
+        outcome.add_line(format!("the fourth point deviates by {check_mm:.3} mm"));
     }
     outcome
 }

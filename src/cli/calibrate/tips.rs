@@ -36,11 +36,12 @@ pub fn by_axes(
             if files.cell.arm().correction().is_none() {
                 continue;
             }
-            let why = "the arm's correction needs the axes at each touch";
+            let why = "the arm's correction needs the axis angles at each touch";
             return Err(Fault::file(file, format!("p{number}_axes_deg = [A1, …, A6] is missing: {why}")));
         };
         let drawn = arm.drawn_flange(joints);
-        let drawn = drawn.ok_or_else(|| Fault::file(file, format!("p{number}_axes_deg: no axes of this arm")))?;
+        let drawn = drawn
+            .ok_or_else(|| Fault::file(file, format!("p{number}_axes_deg: not valid axis angles of this arm")))?;
         let tip = Point::at(0.0, 0.0, 0.0);
         let apart_mm = touched.place.distance_mm(drawn * *flange_from_tool * tip);
         if apart_mm > SAME_TOOL_MM {
@@ -48,8 +49,8 @@ pub fn by_axes(
             return Err(Fault::file(
                 file,
                 format!(
-                    "p{number}_mm is {off} mm from the cell's tool at p{number}_axes_deg (limit {allowed} mm). \
-                     Select the cell's own tool on the pendant, and write position and axes of the same touch"
+                    "p{number}_mm is {off} mm from the tip of the cell's tool at p{number}_axes_deg (limit {allowed} mm). \
+                     Select the cell's own tool on the pendant, and write position and axis angles of the same touch"
                 ),
             ));
         }

@@ -35,8 +35,10 @@ pub fn kept(files: &CellFiles, verification: &Verification, pictures: Option<&Pa
     outcome.put("limit_mm", json!(limit_mm));
     outcome.put("number", json!(number));
     let [off, allowed] = apart(error_mm, limit_mm, 3);
-    outcome
-        .add_line(format!("{}: {off} mm off (limit {allowed} mm); kept as number {number}", verification.subject));
+    outcome.add_line(format!(
+        "{}: deviation {off} mm (limit {allowed} mm); stored as verification number {number}",
+        verification.subject
+    ));
     if let Some(folder) = pictures {
         let all = store.verifications(&verification.subject).map_err(Fault::stage)?;
         let file = folder.join(format!("trend_{}.svg", verification.subject));

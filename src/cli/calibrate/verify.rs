@@ -40,8 +40,8 @@ struct Looked {
 impl Looked {
     /// If the board is not found in a scan's points, the scan gives no evidence about how panels are located.
     fn without_points(&self) -> Option<Reason> {
-        let message = "the scan has too few points to find the board by them, and panels are located by points: \
-                       light the board evenly, clean it, or bring it nearer, then scan again";
+        let message = "too few 3D points on the board, so the scan does not verify how panels are located: light the board \
+                       evenly, clean the board, or move the board nearer, then scan again";
         (self.has_cloud && self.by_points.is_none()).then(|| Reason::new("no_points", message))
     }
 }
@@ -60,12 +60,14 @@ fn look(
         (CameraName::Scanner, _) => None,
         (CameraName::FlangeCamera, Some(file)) => Some(flange_file(files, file)?.to_rigid::<Base, Flange>()),
         (CameraName::FlangeCamera, None) => {
-            let message = "--flange is missing: the flange's pose at the picture";
+            let message = "--flange is missing: give the flange's pose at the picture";
             return Err(Fault::stage(CalibError::Points(message.to_owned())));
         }
     };
     let Some(image) = &args.image else {
-        return Err(Fault::stage(CalibError::Points("--image is missing: the picture of the board".to_owned())));
+        return Err(Fault::stage(CalibError::Points(
+            "--image is missing: give the picture of the board".to_owned(),
+        )));
     };
     let board_image = BoardImage::read(image, &camera.value)?;
     let detected = board_image.detect_telling(board, window, progress).map_err(Fault::stage)?;
@@ -112,13 +114,13 @@ pub fn run(args: &Verify, common: &Common, progress: &dyn Fn(&str)) -> Result<Ou
     let file = match (&args.recipe, &args.target) {
         (Some(recipe), None) => return taught_corner::run(args, &files, recipe),
         (None, Some(file)) => file,
-        _ => return wrong("name --target for a board, or --recipe for a taught corner"),
+        _ => return wrong("give --target for a board, or --recipe for a taught corner"),
     };
     let window = args.board.subpix.map(|half_window_px| half_window_px as usize);
     let named = args.board.named();
     if args.learn {
         let Some(named) = &named else {
-            return wrong("--learn writes which board it is: name --board and --square-mm");
+            return wrong("--learn writes the kind of board into the target file: give --board and --square-mm");
         };
         let board = boards::board(named)?;
         let seen = look(args, &files, (&board, window), progress)?;
@@ -150,8 +152,8 @@ pub fn run(args: &Verify, common: &Common, progress: &dyn Fn(&str)) -> Result<Ou
         outcome.put("points_error_mm", json!(points_mm));
         outcome.put("points_farther_mm", json!(farther_mm));
         outcome.add_line(format!(
-            "the 3D camera's own points put the board {farther_mm:+.3} mm farther away than its picture does; if that is much, measure the camera \
-             with panelprep calibrate scanner, and the board's squares"
+            "by the 3D camera's points, the board is {farther_mm:+.3} mm farther away than by its picture; if this difference is large, \
+             run `panelprep calibrate scanner` and measure the board's squares"
         ));
     }
     Ok(outcome)
@@ -194,7 +196,7 @@ fn learn(
     outcome.put("base_from_board", json!(pose));
     outcome.put("pnp_rms_px", json!(seen.look.pnp_rms_px));
     outcome.add_line(format!("base_from_board {pose}"));
-    outcome.add_line(format!("{}: written; leave the board where it is", target.display()));
+    outcome.add_line(format!("{}: written; do not move the board", target.display()));
     Ok(outcome)
 }
 
@@ -232,7 +234,7 @@ pub fn touch(args: &Touch, common: &Common) -> Result<Outcome, Fault> {
         let file = folder.join("map_tool.svg");
         let limit_mm = files.cell.limits().verify_limit_mm();
         disk::write(&file, report::error_map("touches of known corners", &left.collect::<Vec<_>>(), limit_mm))?;
-        outcome.add_line(format!("{}: the remaining error at each corner", file.display()));
+        outcome.add_line(format!("{}: map of the remaining error at each corner", file.display()));
     }
     for (touched, error_mm) in points.touched.iter().zip(&errors_mm) {
         let (column, row) = touched.corner;
@@ -242,8 +244,8 @@ pub fn touch(args: &Touch, common: &Common) -> Result<Outcome, Fault> {
     if let Some(square_mm) = health::square_by_touches(&board, &corners) {
         outcome.put("square_mm", json!(square_mm));
         outcome.add_line(format!(
-            "  by the touched places the board's squares measure {square_mm:.2} mm, stated {} mm: if they differ, the board is to be measured \
-             before the tool is blamed",
+            "  side of the board's squares by the touches: {square_mm:.2} mm, stated {} mm; if the values differ, measure the board \
+             before you correct the tool",
             board.square_mm()
         ));
     }

@@ -37,7 +37,7 @@ pub(super) fn file(common: &Common, files: &CellFiles) -> Vec<Check> {
     if unmet.is_empty() {
         return vec![Check::right("cell file", name)];
     }
-    let advice = format!("change it in {name}; {} need it", Purpose::Cycle.commands());
+    let advice = format!("correct this entry in {name}; {} need it", Purpose::Cycle.commands());
     let wrong = |Unmet { key, message, .. }| Check::wrong("cell file", format!("{key}: {message}"), &*advice);
     unmet.into_iter().map(wrong).collect()
 }
@@ -48,11 +48,11 @@ pub(super) fn store(files: &CellFiles) -> (Check, Option<Store>) {
     let store = match Store::open(files.store_folder()) {
         Ok(store) => store,
         Err(StoreError::Missing { .. }) => {
-            let found = format!("none yet in {folder}");
-            return (Check::wrong("store", found, "it is made by `panelprep teach`: teach the panel"), None);
+            let found = format!("no store exists yet in {folder}");
+            return (Check::wrong("store", found, "teach the panel: `panelprep teach` creates the store"), None);
         }
         Err(error) => {
-            let advice = "nothing was changed; check the folder, or bring back its last copy";
+            let advice = "check the folder, or restore the last backup of the store";
             return (Check::wrong("store", error.to_string(), advice), None);
         }
     };
@@ -61,9 +61,9 @@ pub(super) fn store(files: &CellFiles) -> (Check, Option<Store>) {
         Ok(true) => Check::wrong(
             "store",
             "a motion is open: a program ended while the robot moved",
-            "look at the cell, start `panelprep run`, then `panelprep ctl clear`",
+            "check the cell, start `panelprep run`, then run `panelprep ctl clear`",
         ),
-        Err(error) => Check::wrong("store", error.to_string(), "bring back the store's last copy"),
+        Err(error) => Check::wrong("store", error.to_string(), "restore the last backup of the store"),
     };
     (check, Some(store))
 }
@@ -73,7 +73,7 @@ pub(super) fn taught(store: &Store) -> Vec<Check> {
     let name = "taught panels";
     let panels = match store.panels() {
         Ok(panels) => panels,
-        Err(error) => return vec![Check::wrong(name, error.to_string(), "bring back the store's last copy")],
+        Err(error) => return vec![Check::wrong(name, error.to_string(), "restore the last backup of the store")],
     };
     if panels.is_empty() {
         return vec![Check::wrong(name, "none", "teach the panel: `panelprep teach`")];
@@ -82,13 +82,13 @@ pub(super) fn taught(store: &Store) -> Vec<Check> {
         Ok(taught) => {
             let corners = taught.teaching.corners.len();
             let found =
-                format!("version {}, its scan and {corners} corner pictures as they were taught", taught.version);
+                format!("version {}, scan and {corners} corner pictures unchanged since teaching", taught.version);
             Check::right(format!("taught panel {panel}"), found)
         }
         Err(error) => Check::wrong(
             format!("taught panel {panel}"),
             error.to_string(),
-            "a cycle would refuse it: teach it again, or bring back the store's last copy",
+            "a cycle would refuse this panel: teach the panel again, or restore the last backup of the store",
         ),
     };
     panels.into_iter().map(check).collect()
@@ -111,14 +111,16 @@ pub(super) fn calibrations(files: &CellFiles, store: Option<&Store>) -> Vec<Chec
             Some(touch) if touch.error.is_nan() || touch.error > files.cell.limits().verify_limit_mm() => {
                 Check::wrong(
                     "calibration of the tool",
-                    format!("the last touch was {:.3} mm off", touch.error),
+                    format!("the last touch deviated by {:.3} mm", touch.error),
                     "run `panelprep calibrate tcp` again, then `panelprep calibrate touch`",
                 )
             }
-            Some(touch) => Check::right("calibration of the tool", format!("last touch {:.3} mm off", touch.error)),
+            Some(touch) => {
+                Check::right("calibration of the tool", format!("the last touch deviated by {:.3} mm", touch.error))
+            }
             None => Check::right(
                 "calibration of the tool",
-                "no touch is recorded: the robot's own error is not measured",
+                "no touch is recorded: the robot's own error was not measured",
             ),
         },
         Err(fault) => unread("tool", &fault),
@@ -135,11 +137,15 @@ fn unread(name: &str, fault: &Fault) -> Check {
     let found = match fault {
         // The advice of the check states how the file is made.
         Fault::Calibration(CalibrationFault::CalibrationAway { file, .. }) => {
-            format!("{} is not there", file.display())
+            format!("{} does not exist", file.display())
         }
         other => other.to_string(),
     };
-    Check::wrong(format!("calibration of the {name}"), found, "run `panelprep calibrate --help` for how it is made")
+    Check::wrong(
+        format!("calibration of the {name}"),
+        found,
+        "`panelprep calibrate --help` describes how to make this calibration",
+    )
 }
 
 fn verified((files, store): (&CellFiles, Option<&Store>), subject: &str, hash: &str) -> Check {
@@ -147,19 +153,24 @@ fn verified((files, store): (&CellFiles, Option<&Store>), subject: &str, hash: &
     let last = match store.map(|store| store.last_verification(subject)) {
         Some(Ok(last)) => last,
         _ => {
-            return Check::wrong(name, "not verified: no store contains a verification", "teach and verify first");
+            return Check::wrong(
+                name,
+                "not verified: the store contains no verification",
+                "teach the panel, then verify",
+            );
         }
     };
     let (now, demands) = (now_unix_s(), VerificationLimits::from_limits(files.cell.limits()));
     let judgement = health(subject, last.as_ref(), hash, now, demands);
     match (judgement.reasons.first(), &last) {
         (Some(reason), _) => {
-            let (found, advice) = reason.message.rsplit_once("; ").unwrap_or((&reason.message, "verify it again"));
+            let (found, advice) =
+                reason.message.rsplit_once("; ").unwrap_or((&reason.message, "verify this calibration again"));
             Check::wrong(name, found, advice)
         }
         (None, Some(last)) => {
             let age_h = (now - last.at_unix_s) as f64 / 3600.0;
-            Check::right(name, format!("{:.3} mm off, verified {age_h:.1} h ago", last.error))
+            Check::right(name, format!("deviation {:.3} mm, verified {age_h:.1} h ago", last.error))
         }
         (None, None) => Check::wrong(name, "never verified", "run `panelprep calibrate verify`"),
     }
@@ -182,11 +193,11 @@ pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
     let nothing = |check| Programs { checks: vec![check], sum: None, agree: false };
     let Some(folder) = folder else {
         return nothing(match cell.robot().kind() {
-            RobotKind::Mock => Check::right(KUKA, "not needed: the mock robot has its own"),
+            RobotKind::Mock => Check::right(KUKA, "not needed: the mock robot uses built-in files"),
             RobotKind::Eki => Check::open(
                 KUKA,
                 "",
-                "copy CELLCMD.xml, CELLSTAT.xml and all .src and .dat files of Panelprep from the controller into a folder and name it by --kuka",
+                "copy CELLCMD.xml, CELLSTAT.xml and all .src and .dat files of Panelprep from the controller into a folder and name this folder with --kuka",
             ),
         });
     };
@@ -207,7 +218,7 @@ pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
             Check::wrong(
                 format!("{KUKA}: {name}"),
                 found,
-                "correct it on the controller or in the cell's file, so that both agree",
+                "correct the file of the controller or the cell's file, so that both agree",
             )
         }));
     }
@@ -220,8 +231,7 @@ pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
         // Each missing file, each missing value and an edited cell_user.src has its own line above.
         Err(SumError::Missing(_) | SumError::Value { .. } | SumError::UserEdited { .. }) if is_wrong => None,
         Err(error) => {
-            let advice =
-                "copy the KRL programs of this program's config/kuka to the controller, all of one release";
+            let advice = "copy all KRL programs of one release of this program's config/kuka to the controller";
             checks.push(Check::wrong(format!("{KUKA}: programs"), error.to_string(), advice));
             None
         }
@@ -304,14 +314,16 @@ pub(super) fn acceptance(programs: &Programs, reported: Option<i32>, cell_file: 
 fn kept_sum(sum: i32, kept: Option<i32>) -> Check {
     let name = format!("{KUKA}: programs");
     match kept {
-        Some(kept) if kept == sum => Check::right(name, format!("sum {sum}, as the cell was accepted with")),
+        Some(kept) if kept == sum => {
+            Check::right(name, format!("checksum {sum}, the same as at the acceptance of the cell"))
+        }
         Some(kept) => Check::wrong(
             name,
             format!(
-                "sum {sum}, but the cell was accepted with {kept}: programs or cell_config.dat have changed since \
-                 then"
+                "checksum {sum}, but the cell was accepted with {kept}: programs or cell_config.dat have changed since \
+                 the acceptance"
             ),
-            "accept the cell again, then set programs_sum in [robot]; or bring back the files of the acceptance",
+            "accept the cell again, then set programs_sum in [robot]; or restore the files of the acceptance",
         ),
         None => Check::wrong(
             name,

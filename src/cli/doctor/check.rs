@@ -35,12 +35,7 @@ impl Check {
     }
 
     pub(super) fn open(name: impl Into<String>, why: &str, advice: impl Into<String>) -> Self {
-        Check {
-            name: name.into(),
-            status: Status::Open,
-            found: format!("not looked at{why}"),
-            advice: advice.into(),
-        }
+        Check { name: name.into(), status: Status::Open, found: format!("not checked{why}"), advice: advice.into() }
     }
 
     pub(super) fn wrong(name: impl Into<String>, found: impl Into<String>, advice: impl Into<String>) -> Self {

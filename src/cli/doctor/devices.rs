@@ -60,8 +60,7 @@ fn gige_camera(files: &CellFiles, gige: &Gige) -> (Check, Option<[usize; 2]>) {
             (Check::right(name, told), Some([width, height]))
         }
         Err(error) => {
-            let advice =
-                "check its power, cable and address; end other camera programs; compare [flange_camera] with it";
+            let advice = "check the camera's power, cable and address; end other camera programs; compare [flange_camera] with the camera";
             (Check::wrong(name, error.to_string(), advice), calibrated())
         }
     }
@@ -70,12 +69,12 @@ fn gige_camera(files: &CellFiles, gige: &Gige) -> (Check, Option<[usize; 2]>) {
 #[cfg(not(feature = "gige"))]
 fn gige_camera(_: &CellFiles, gige: &Gige) -> (Check, Option<[usize; 2]>) {
     let which = gige.serial.as_ref().map_or("the only one found".to_owned(), |serial| format!("serial {serial}"));
-    let found = format!("a GigE Vision camera, {which}: this program was built without its driver");
-    (Check::wrong("flange camera", found, "use a program that was built with it, or kind = \"recorded\""), None)
+    let found = format!("a GigE Vision camera, {which}: this program was built without the cargo feature gige");
+    (Check::wrong("flange camera", found, "use a program with this feature, or set kind = \"recorded\""), None)
 }
 
 fn simulated(name: &str) -> Check {
-    Check::right(name, "simulated: its pictures are rendered")
+    Check::right(name, "simulated: the pictures are rendered")
 }
 
 fn recorded(
@@ -85,7 +84,7 @@ fn recorded(
 ) -> Check {
     let lens = opening::lens(lens).map(|lens| lens.unwrap_or_else(|| opening::of_size([2, 2])));
     match lens.and_then(|lens| open(lens).map_err(Fault::stage)) {
-        Ok(()) => Check::right(name, "recorded shots are played"),
+        Ok(()) => Check::right(name, "recorded: the shots are read from a recording"),
         Err(error) => Check::wrong(name, error.to_string(), "name the folder of a recording in the cell's file"),
     }
 }
@@ -126,10 +125,10 @@ fn robot(cell: &Cell, sum: Option<i32>) -> (Check, Option<i32>) {
                 let check = Check::wrong(
                     "robot",
                     format!(
-                        "{place}: a MOCK controller answers, which proves nothing about a real one; mode {}",
+                        "{place}: a MOCK controller answers, which proves nothing about a real controller; mode {}",
                         state.mode.name()
                     ),
-                    "this is expected in a rehearsal; for the cell, connect the real controller and run this again",
+                    "expected in a rehearsal; for the real cell, connect the real controller and run `panelprep doctor` again",
                 );
                 return (check, None);
             }
@@ -137,14 +136,18 @@ fn robot(cell: &Cell, sum: Option<i32>) -> (Check, Option<i32>) {
                 Some(sum) => Check::wrong(
                     "robot",
                     format!(
-                        "{place}: answers, but runs other programs: checksum {}, the files have {sum}",
+                        "{place}: the controller answers, but runs other programs: checksum {}, the files have {sum}",
                         state.programs_checksum
                     ),
-                    "the controller executes other files than those of --kuka: cold-start it, or copy its files anew",
+                    "the controller executes other files than those in the folder of --kuka: cold-start the controller, or copy its files again",
                 ),
                 None => Check::right(
                     "robot",
-                    format!("{place}: speaks, mode {}, programs {}", state.mode.name(), state.programs_checksum),
+                    format!(
+                        "{place}: the controller answers, mode {}, checksum of the programs {}",
+                        state.mode.name(),
+                        state.programs_checksum
+                    ),
                 ),
             };
             (check, Some(state.programs_checksum))
@@ -164,21 +167,21 @@ fn advice(error: &SingleError) -> &'static str {
              within 54600 to 54615? No robot program is needed for this"
         }
         SingleError::NoController(LinkLoss::NoAnswer { .. }) => {
-            "no such address answers: controller on, cable of the KLI in, address and netmask of both right (`ping`)?"
+            "no device answers at this address: is the controller on, is the KLI cable plugged in, are address and netmask of both sides right (`ping`)?"
         }
         SingleError::NoController(LinkLoss::Occupied { .. }) => {
             "end the other client: the service, a second `panelprep`, another PC on this network"
         }
         SingleError::NoController(LinkLoss::Silent { .. }) => {
-            "another client has the channel, or CELL_CYCLE( ) is not called: close other clients; check the fold \
+            "another client occupies the channel, or CELL_CYCLE( ) is not called: close other clients; check the fold \
              USER PLC in sps.sub"
         }
         SingleError::NoController(LinkLoss::PortsExchanged { .. }) => {
             "exchange command_port and state_port in [robot] of the cell's file"
         }
         SingleError::Silent => {
-            "it accepts connections but does not answer: is cell_submit running (then its state channel sends), or \
-             does another program listen on these ports?"
+            "the controller accepts connections but does not answer: is cell_submit running (the state channel then \
+             sends), or does another program listen on these ports?"
         }
         _ => {
             "the program that answers is not this cell's controller program: compare its EthernetKRL files with \

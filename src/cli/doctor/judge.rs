@@ -18,9 +18,9 @@ pub(super) fn disk(folder: &str, free_mb: u64) -> Check {
         ..FLOOR_MB => Check::wrong(
             "disk",
             found,
-            format!("free some space: no cycle starts below {FLOOR_MB} MB; a film needs 100 to 500"),
+            format!("free some space: no cycle starts below {FLOOR_MB} MB; a film needs 100 to 500 MB"),
         ),
-        FLOOR_MB..SCARCE_MB => Check::right("disk", format!("{found}; room for a few cycles only")),
+        FLOOR_MB..SCARCE_MB => Check::right("disk", format!("{found}; enough for a few cycles only")),
         _ => Check::right("disk", found),
     }
 }
@@ -43,8 +43,10 @@ pub(super) fn clock_is_kept(kept: Option<bool>) -> Check {
         Some(true) => Check::right("clock", "set by a time server"),
         // Records contain times that an inspector signs; the clock of a cell without a network may still be set by
         // hand.
-        Some(false) => Check::right("clock", "not set by a time server; records carry this computer's own time"),
-        None => Check::right("clock", "whether a time server sets it is not known here"),
+        Some(false) => {
+            Check::right("clock", "not set by a time server; records contain the time of this computer's own clock")
+        }
+        None => Check::right("clock", "not known whether a time server sets the clock"),
     }
 }
 
@@ -71,17 +73,19 @@ pub(super) fn receive_buffer(
         "put `net.core.rmem_max = {needed_bytes}` into /etc/sysctl.d/60-panelprep.conf and run `sysctl --system`"
     );
     let whose = match size_px {
-        Some([width, height]) => format!("this camera, of {width}×{height}, needs {needed_bytes}"),
-        None => format!("a camera needs {needed_bytes}"),
+        Some([width, height]) => format!("this camera, {width}×{height} px, needs {needed_bytes} bytes"),
+        None => format!("a camera needs {needed_bytes} bytes"),
     };
     match largest_bytes {
         Some(bytes) if bytes >= needed_bytes as u64 => Check::right(name, format!("up to {bytes} bytes; {whose}")),
-        Some(bytes) => {
-            Check::wrong(name, format!("up to {bytes} bytes; {whose}, and loses frames with less"), advice)
-        }
+        Some(bytes) => Check::wrong(
+            name,
+            format!("up to {bytes} bytes; {whose}; with a smaller buffer, frames are lost"),
+            advice,
+        ),
         None => Check::wrong(
             name,
-            "the kernel does not report their largest size (/proc/sys/net/core/rmem_max)",
+            "the kernel does not report the largest buffer size (/proc/sys/net/core/rmem_max)",
             advice,
         ),
     }
@@ -98,24 +102,24 @@ pub(super) fn graphics_processor(devices: Option<&str>, has_uvm_node: bool) -> C
     let characters = devices.split("Block devices:").next().unwrap_or_default();
     let names: Vec<&str> = characters.lines().filter_map(|line| line.split_whitespace().nth(1)).collect();
     let has = |wanted: &str| names.contains(&wanted);
-    let uvm = "put a line `nvidia-uvm` into /etc/modules-load.d/panelprep.conf and run `modprobe nvidia-uvm`: the service must \
-               not load it by itself";
+    let uvm = "put a line `nvidia-uvm` into /etc/modules-load.d/panelprep.conf and run `modprobe nvidia-uvm`: the service has no \
+               permission to load this module";
     match (has("nvidia") || has("nvidia-frontend"), has("nvidia-uvm"), has("drm")) {
         (true, true, _) if has_uvm_node => Check::right(name, "NVIDIA, with nvidia-uvm"),
         (true, true, _) => Check::wrong(
             name,
-            "NVIDIA, but there is no device /dev/nvidia-uvm",
-            "let `nvidia-modprobe -c 0 -u` run at boot: the service must not make a device by itself",
+            "NVIDIA, but the device /dev/nvidia-uvm does not exist",
+            "run `nvidia-modprobe -c 0 -u` at boot: the service has no permission to create a device",
         ),
         (true, false, _) => Check::wrong(name, "NVIDIA, but its kernel module nvidia-uvm is not loaded", uvm),
         (false, _, true) => {
-            let found = "no NVIDIA driver; a display driver (drm) is loaded, and the SDK computes with it if it supports it";
+            let found = "no NVIDIA driver; a display driver (drm) is loaded, which the Zivid SDK uses if the SDK supports it";
             Check::right(name, found)
         }
         (false, _, false) => Check::wrong(
             name,
-            "no driver of one is loaded (neither nvidia nor drm in /proc/devices); the Zivid SDK computes on it",
-            "install the driver of the graphics processor; a file camera may compute without, see the SDK's manual",
+            "no driver of a graphics processor is loaded (neither nvidia nor drm in /proc/devices); the Zivid SDK needs a graphics processor",
+            "install the driver of the graphics processor; a file camera may work without a driver, see the SDK's manual",
         ),
     }
 }
@@ -128,11 +132,13 @@ pub(super) fn light(light: &Light, settings: &[ZividSettings]) -> Check {
         frequency => format!(" ({frequency} Hz)"),
     };
     let mains = match light.flicker {
-        Flicker::None => return Check::right(name, "does not flicker, as it is now"),
+        Flicker::None => return Check::right(name, "does not flicker at present"),
         Flicker::Grid50Hz => Mains::Hz50,
         Flicker::Grid60Hz => Mains::Hz60,
         Flicker::Other | Flicker::Unknown => {
-            let found = format!("flickers, and not as on the mains{every}: no exposure is known to fit");
+            let found = format!(
+                "flickers, but not at the frequency of the mains{every}: no suitable exposure time is known"
+            );
             return Check::wrong(
                 name,
                 found,
@@ -146,22 +152,26 @@ pub(super) fn light(light: &Light, settings: &[ZividSettings]) -> Check {
     };
     let misfits = |settings: &&ZividSettings| !settings.fitting().contains(&mains);
     let wrong: Vec<&str> = settings.iter().filter(misfits).map(file).collect();
-    let found = format!("flickers as on mains of {}{every}", mains.name());
+    let found = format!("flickers like lamps on mains of {}{every}", mains.name());
     if wrong.is_empty() {
-        return Check::right(name, format!("{found}; each exposure is a multiple of that"));
+        return Check::right(name, format!("{found}; each exposure time is a multiple of the flicker period"));
     }
     let advice = format!(
-        "make each ExposureTime in [scanner] {} a multiple of {:.0} µs, or light the scene by direct current",
+        "make each ExposureTime in [scanner] {} a multiple of {:.0} µs, or use lamps on direct current",
         wrong.join(" and "),
         mains.flicker_us()
     );
-    Check::wrong(name, format!("{found}, and an exposure is no multiple of that, or not stated"), advice)
+    Check::wrong(
+        name,
+        format!("{found}, but an exposure time is not a multiple of the flicker period, or is not stated"),
+        advice,
+    )
 }
 
 /// Reports that the state of the light is not known, because the camera does not report it: a doubt, not a fault of
 /// the cell.
 pub(super) fn light_not_known(why: &str) -> Check {
-    Check::right("light on the scene", format!("whether it flickers is not known: {why}"))
+    Check::right("light on the scene", format!("not known whether the light flickers: {why}"))
 }
 
 /// Checks whether the 3D camera has reached its steady temperature. A doubt is reported; a cycle may still begin.
@@ -169,7 +179,8 @@ pub(super) fn warmth(warmth: Warmth) -> Check {
     let name = "scanner's warmth";
     match warmth {
         Warmth::Changing { .. } => {
-            let advice = "let it take shots for ten minutes: `panelprep doctor --warm-up`, or cycles";
+            let advice =
+                "let the camera take shots for ten minutes: run `panelprep doctor --warm-up`, or run cycles";
             Check::wrong(name, warmth.to_string(), advice)
         }
         Warmth::NotFollowed { .. } => {
@@ -216,7 +227,10 @@ mod tests {
         let told = |flicker, frequency: &str| light(&Light { flicker, frequency: frequency.to_owned() }, &settings);
         assert!(told(Flicker::None, "").is_right());
         let fits = told(Flicker::Grid50Hz, "100.02");
-        assert!(fits.is_right() && fits.found.starts_with("flickers as on mains of 50 Hz (100.02 Hz)"), "{fits:?}");
+        assert!(
+            fits.is_right() && fits.found.starts_with("flickers like lamps on mains of 50 Hz (100.02 Hz)"),
+            "{fits:?}"
+        );
         let other = told(Flicker::Grid60Hz, "120");
         assert!(
             !other.is_right() && other.advice.contains("settings and settings_2d a multiple of 8333 µs"),
@@ -224,7 +238,7 @@ mod tests {
         );
         assert!(!told(Flicker::Unknown, "").is_right());
         let doubt = warmth(Warmth::NotFollowed { followed_s: 61.0 });
-        assert!(doubt.is_right() && doubt.found.contains("followed for 1 of 10 min"), "{doubt:?}");
+        assert!(doubt.is_right() && doubt.found.contains("recorded for 1 of 10 min"), "{doubt:?}");
         assert!(!warmth(Warmth::Changing { rise_c_per_min: 0.8 }).is_right());
     }
 

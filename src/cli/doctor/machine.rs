@@ -19,7 +19,7 @@ pub(super) fn program() -> Check {
         Err(error) => Check::wrong(
             "program",
             format!("panelprep {version}, but OpenCV does not report its version: {error}"),
-            "install Debian's libopencv-dev again",
+            "reinstall the Debian package libopencv-dev",
         ),
     }
 }
@@ -48,12 +48,12 @@ pub(super) fn clock_behind(store: &Path) -> Option<Check> {
 pub(super) fn disk(store: &Path) -> Check {
     let whole = std::path::absolute(store).unwrap_or_else(|_| store.to_owned());
     let there: Option<PathBuf> = whole.ancestors().find(|folder| folder.is_dir()).map(Path::to_owned);
-    let advice = "name a folder on a disk that this user may write as `store` in the cell's file";
+    let advice = "set `store` in the cell's file to a folder that this user may write";
     let Some(folder) = there else {
         return Check::wrong("disk", format!("no part of {} exists", whole.display()), advice);
     };
     if rustix::fs::access(&folder, rustix::fs::Access::WRITE_OK).is_err() {
-        return Check::wrong("disk", format!("{} must not be written by this user", folder.display()), advice);
+        return Check::wrong("disk", format!("this user has no permission to write {}", folder.display()), advice);
     }
     match free_mb(&folder) {
         Ok(free_mb) => judge::disk(&folder.display().to_string(), free_mb),
@@ -67,7 +67,8 @@ pub(super) fn recordings(store: &Path) -> Option<Check> {
     let bytes = |entry: std::io::Result<fs::DirEntry>| Some(entry.ok()?.metadata().ok()?.len());
     let sizes: Vec<u64> = fs::read_dir(&folder).ok()?.filter_map(bytes).collect();
     let (count, mb) = (sizes.len(), sizes.iter().sum::<u64>() / 1_000_000);
-    let found = format!("{count} of {mb} MB in {}; they stay until you remove them", folder.display());
+    let found =
+        format!("{count} recordings, {mb} MB, in {}; recordings stay until you remove them", folder.display());
     (count > 0).then(|| Check::right("recordings", found))
 }
 

@@ -42,9 +42,9 @@ pub(in crate::cli) fn examined(args: &Doctor, common: &Common) -> Vec<Check> {
             checks.push(Check::wrong(
                 "cell file",
                 fault.to_string(),
-                "correct what is named; `panelprep check` with this file lists every problem",
+                "correct this problem; `panelprep check` with this file lists every problem",
             ));
-            let rest = ": the cell's file states what exists";
+            let rest = ": the cell's file cannot be used";
             checks.push(Check::open("everything else", rest, "correct the cell's file, then run this again"));
         }
     }
@@ -93,8 +93,8 @@ fn outcome(checks: &[Check]) -> Outcome {
     }
     let (all, right) = (checks.len(), checks.len() - wrong.len());
     outcome.add_line(match wrong.len() {
-        0 => format!("all {all} are right"),
-        _ => format!("{right} of {all} are right; begin with the uppermost that is not"),
+        0 => format!("all {all} checks are right"),
+        _ => format!("{right} of {all} checks are right; correct the first wrong check first"),
     });
     let of_check = |check: &Check| {
         let advice = Some(&check.advice).filter(|advice| !advice.is_empty());

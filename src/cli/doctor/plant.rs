@@ -57,32 +57,37 @@ fn recipe(file: &Path) -> Check {
     const NAME: &str = "line";
     let text = disk::read(file).map_err(|error| format!("{}: {error}", file.display()));
     let text = text.and_then(|bytes| {
-        String::from_utf8(bytes).map_err(|_| format!("{}: it is not valid UTF-8 text", file.display()))
+        String::from_utf8(bytes).map_err(|_| format!("{}: not valid UTF-8 text", file.display()))
     });
     let checked = text.and_then(|text| {
         Recipe::check(&file.display().to_string(), &text).map_err(|problems| problems.to_string())
     });
     match checked {
-        Ok(recipe) => {
-            Check::right(NAME, format!("requests cycles of the panel {}, by {}", recipe.panel(), file.display()))
-        }
+        Ok(recipe) => Check::right(
+            NAME,
+            format!("the line requests cycles of panel {}, recipe {}", recipe.panel(), file.display()),
+        ),
         Err(problem) => Check::wrong(
             NAME,
             problem,
-            "write a recipe of this cell into [line] recipe: each start that the line requests would be refused",
+            "set [line] recipe to a valid recipe of this cell; until then, each start that the line requests is refused",
         ),
     }
 }
 
 fn reached(name: &'static str, files: Result<(), TrustError>, address: String) -> Check {
     if let Err(problem) = files {
-        return Check::wrong(name, problem.to_string(), "mend the file, or name another one in the cell's file");
+        return Check::wrong(
+            name,
+            problem.to_string(),
+            "correct this file, or name another file in the cell's file",
+        );
     }
     match connected(address.clone(), CONNECT_TIMEOUT) {
         Ok(()) => Check::right(name, format!("{address} accepts connections")),
         Err(problem) => {
             let advice = "check the address in the cell's file, the network, and whether the server runs; the cell \
-                          works without it";
+                          works without this server";
             Check::wrong(name, format!("{address}: {problem}"), advice)
         }
     }

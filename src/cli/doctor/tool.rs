@@ -15,20 +15,15 @@ const RESPONSE_TIMEOUT: Duration = Duration::from_secs(3);
 pub(super) fn check(cell: &Cell, served: bool) -> Option<Check> {
     let tool = cell.tool().compliant()?;
     Some(match &tool.address {
-        None => Check::right(NAME, "simulated: it presses on the simulated panel"),
-        Some(_) if served => Check::right(
-            NAME,
-            "in use by the service, which reports at a reset whether it is \
-                                                 ready",
-        ),
+        None => Check::right(NAME, "simulated: the tool presses on the simulated panel"),
+        Some(_) if served => {
+            Check::right(NAME, "in use by the service, which reports at a reset whether the tool is ready")
+        }
         Some(address) => match AcfLink::start(tool, address) {
             Ok(link) => looked_at(tool, link),
-            Err(error) => Check::wrong(
-                NAME,
-                error.to_string(),
-                "end the programs that use up the computer's \
-                                                                 threads",
-            ),
+            Err(error) => {
+                Check::wrong(NAME, error.to_string(), "end the programs that use up the computer's threads")
+            }
         },
     })
 }
@@ -55,13 +50,13 @@ fn found(tool: &CompliantTool, last: Option<Reading>, lost: Option<Loss>) -> Che
     let place =
         tool.address.as_ref().map_or(String::new(), |address| format!("{}, port {}", address.host, address.port));
     let Some(reading) = last.filter(|_| lost.is_none()) else {
-        let why = lost.map_or("it does not answer".to_owned(), |loss| loss.to_string());
-        let advice = "check its power, cable and address (`ping`), end other programs that are connected to it, \
-                      and compare [tool] with its settings";
+        let why = lost.map_or("the tool does not answer".to_owned(), |loss| loss.to_string());
+        let advice = "check the tool's power, cable and address (`ping`), end other programs that are connected to the \
+                      tool, and compare [tool] with the tool's settings";
         return Check::wrong(NAME, format!("{place}: {why}"), advice);
     };
     let says = format!(
-        "{place}: responds; force {} N, extended by {} mm of {} mm",
+        "{place}: responds; force {} N, extended {} mm of {} mm",
         fixed(reading.force_n, 1),
         fixed(reading.position_mm, 1),
         fixed(tool.stroke_mm, 1)
@@ -71,7 +66,7 @@ fn found(tool: &CompliantTool, last: Option<Reading>, lost: Option<Loss>) -> Che
         Some(why) => Check::wrong(
             NAME,
             format!("{says}; {}", why.message),
-            "correct what it reports; no cycle starts before",
+            "correct the reported problem; until then, no cycle starts",
         ),
     }
 }
@@ -113,7 +108,7 @@ mod tests {
         drop(server);
         let away = check(&there, false).expect("looked at");
         assert!(
-            !away.is_right() && away.found.contains("it cannot be connected") && away.advice.contains("ping"),
+            !away.is_right() && away.found.contains("the connection failed") && away.advice.contains("ping"),
             "{away:?}"
         );
     }

@@ -31,7 +31,7 @@ pub(super) fn checks(files: &CellFiles, camera: &ZividCamera, warm_up: bool) -> 
     let mut scanner = match opened {
         Ok((scanner, _)) => scanner,
         Err(fault) => {
-            let wrong = Check::wrong("scanner", fault.to_string(), "mend [scanner] in the cell's file");
+            let wrong = Check::wrong("scanner", fault.to_string(), "correct [scanner] in the cell's file");
             return vec![graphics, wrong];
         }
     };
@@ -39,7 +39,11 @@ pub(super) fn checks(files: &CellFiles, camera: &ZividCamera, warm_up: bool) -> 
     let (found, own) = match ready.and_then(|()| Ok((scanner.temperatures()?, scanner.intrinsics()?))) {
         Ok(both) => both,
         Err(fault) => {
-            let wrong = Check::wrong("scanner", fault.to_string(), "src/devices/README.md states what it needs");
+            let wrong = Check::wrong(
+                "scanner",
+                fault.to_string(),
+                "see the requirements of the Zivid camera in src/devices/README.md",
+            );
             return vec![graphics, wrong];
         }
     };
@@ -50,17 +54,19 @@ pub(super) fn checks(files: &CellFiles, camera: &ZividCamera, warm_up: bool) -> 
     };
     let warm = found.lens_c.map_or("unknown".to_owned(), |celsius| format!("{celsius:.0} °C"));
     let calibrated =
-        calibrated_px.map_or("it is not calibrated yet".to_owned(), |px| format!("by its calibration {px:.1} px"));
+        calibrated_px.map_or("not calibrated yet".to_owned(), |px| format!("{px:.1} px in its calibration file"));
     let told = format!(
-        "a Zivid, ready; temperature of its lens {warm}; focal length by itself {:.1} px, {calibrated}",
+        "Zivid camera ready; lens temperature {warm}; focal length {:.1} px as the camera reports, {calibrated}",
         own.matrix_px[0]
     );
     let followed = if warm_up { warmed_up(&mut scanner, WARM_UP) } else { Ok(()) };
     let warmth = match followed {
         Ok(()) => judge::warmth(scanner.warmth()),
-        Err(fault) => {
-            Check::wrong("scanner's warmth", fault.to_string(), "repair the scanner, then run this again")
-        }
+        Err(fault) => Check::wrong(
+            "scanner's warmth",
+            fault.to_string(),
+            "repair the 3D camera, then run `panelprep doctor --warm-up` again",
+        ),
     };
     vec![graphics, Check::right("scanner", told), light, warmth]
 }
@@ -72,10 +78,13 @@ const WARM_UP: [Duration; 2] = [Duration::from_secs(605), Duration::from_secs(10
 fn warmed_up(scanner: &mut ZividScanner, [long, every]: [Duration; 2]) -> Result<(), ZividFault> {
     let begun = Instant::now();
     while begun.elapsed() < long {
-        let lens =
-            scanner.shot()?.taken.lens_c.map_or(String::new(), |celsius| format!(", its lens has {celsius:.1} °C"));
+        let lens = scanner
+            .shot()?
+            .taken
+            .lens_c
+            .map_or(String::new(), |celsius| format!(", lens temperature {celsius:.1} °C"));
         let left_s = long.saturating_sub(begun.elapsed()).as_secs();
-        tracing::info!("the 3D camera warms up for {left_s} s more{lens}");
+        tracing::info!("the 3D camera is warming up, {left_s} s left{lens}");
         std::thread::sleep(every.min(long.saturating_sub(begun.elapsed())));
     }
     Ok(())

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 pub enum CalibrationFault {
     /// The cell's file names no such calibration.
-    #[error("{}: [calibration] {key} is missing, and this command needs it: set it to the path of the calibration file", cell.display())]
+    #[error("{}: [calibration] {key} is missing, and this command needs it: set the key to the path of the calibration file", cell.display())]
     NotCalibrated {
         /// The cell's file.
         cell: PathBuf,
@@ -16,8 +16,8 @@ pub enum CalibrationFault {
     },
     /// A mount that was measured with another correction of the arm than the cell's, or with none.
     #[error(
-        "{}: was measured with {} and the cell's file names {}: poses of the robot would be corrected twice or not at all; \
-         calibrate it again with the correction in use, or name in [calibration] robot_correction the one that it was measured with",
+        "{}: was measured with {}, but the cell's file names {}: robot poses would be corrected twice or not at all. \
+         Repeat this calibration, or name in [calibration] robot_correction the correction with which it was measured",
         file.display(), correction_words(found.as_deref()), correction_words(ours.as_deref())
     )]
     OtherCorrection {
@@ -30,7 +30,7 @@ pub enum CalibrationFault {
     },
     /// The correction's file has changed since it was read.
     #[error(
-        "{}: the file of [calibration] robot_correction has changed since this program read it; start it again", cell.display()
+        "{}: the file of [calibration] robot_correction has changed since this program read it; restart the program", cell.display()
     )]
     CorrectionChanged {
         /// The cell's file.
@@ -50,7 +50,7 @@ pub enum CalibrationFault {
     },
     /// The tool's TCP was measured, but not its axis.
     #[error(
-        "{file}: the tool's axis was not measured (axis_measured is not true); a pad that is not flat grinds an edge: \
+        "{file}: the tool's axis was not measured (axis_measured is not true); a tilted pad grinds an edge into the panel: \
          run `panelprep calibrate tcp` with [[axis]], or with [[plate]] and [[flat]]"
     )]
     NoAxis {
@@ -61,7 +61,9 @@ pub enum CalibrationFault {
     #[error("the controller reports axis angles that are not numbers: the flange's pose is not known")]
     NoAxes,
     /// A tool or touch calibration without poses.
-    #[error("there are no poses: name their file, or read them from the controller with --live DIR")]
+    #[error(
+        "no poses are given: name the file of the poses, or read the poses from the controller with --live DIR"
+    )]
     NoPoses,
     /// A live calibration that names no camera.
     #[error("--live takes pictures: name the camera, --camera scanner or --camera flange-camera")]
@@ -70,7 +72,7 @@ pub enum CalibrationFault {
     #[error("the simulated cell has only chessboards: use --board COLUMNSxROWS with --square-mm")]
     NoSimulatedBoard,
     /// A force calibration, but the tool is a spring and has no force.
-    #[error("the cell's [tool] is a spring: it has no force to be verified")]
+    #[error("the cell's [tool] is a spring, which has no force to verify")]
     NoCompliantTool,
     /// A readings file without a reading.
     #[error("the file has no [[readings]]")]

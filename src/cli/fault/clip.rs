@@ -6,15 +6,15 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 pub enum ClipFault {
     /// A film would overwrite another film.
-    #[error("{} holds a film already, clip.csv or 00001.png; name another folder", folder.display())]
+    #[error("{} already contains a film (clip.csv or 00001.png); name another folder", folder.display())]
     ClipIsThere {
         /// The folder.
         folder: PathBuf,
     },
     /// A folder without a clip.
     #[error(
-        "{}: there is no clip.csv; a clip is a folder of numbered pictures with a clip.csv that states when each \
-         was taken, as `panelprep shoot film` writes it", folder.display()
+        "{}: there is no clip.csv; a clip is a folder of numbered pictures with a clip.csv that states the time of each \
+         picture, as `panelprep shoot film` writes it", folder.display()
     )]
     NoClip {
         /// The folder.
@@ -22,7 +22,7 @@ pub enum ClipFault {
     },
     /// A clip of a set that has no labels.
     #[error(
-        "{}: it has no labels, neither mask.png in its folder truth nor next to its pictures; mark the breaks with \
+        "{}: the clip has no labels: no mask.png in its folder truth or next to its pictures; mark the breaks with \
          `panelprep label --clip {}`",
         clip.display(), clip.display()
     )]
@@ -31,7 +31,7 @@ pub enum ClipFault {
         clip: PathBuf,
     },
     /// Labels that cannot be read.
-    #[error("{}: {cause}; move it away to begin anew", file.display())]
+    #[error("{}: {cause}; move the file away to begin with new labels", file.display())]
     BadLabels {
         /// The file.
         file: PathBuf,
@@ -52,7 +52,7 @@ pub enum ClipFault {
     },
     /// A mask would overwrite the labels of a person.
     #[error(
-        "{}: holds the labels of a person, and the mask of this inspection would replace theirs; name another folder for --pictures",
+        "{}: contains labels of a person, which the mask of this inspection would overwrite; name another folder for --pictures",
         folder.display()
     )]
     HoldsLabels {
@@ -60,7 +60,7 @@ pub enum ClipFault {
         folder: PathBuf,
     },
     /// No picture of the film would be wet, so that no test could use it.
-    #[error("--wet-from-s is {wet_from_s} and the film lasts {seconds} s; the limits are 0 to {seconds}")]
+    #[error("--wet-from-s is {wet_from_s} s; the limits are 0 to {seconds} s, the length of the film")]
     NeverWet {
         /// The requested time.
         wet_from_s: f64,
@@ -69,8 +69,8 @@ pub enum ClipFault {
     },
     /// It is not stated when the sprayed panel is wet.
     #[error(
-        "--spray-from-s is {spray_from_s}, but it is not stated from when the panel is wet; give --wet-from-s, the \
-         time when the spray is off"
+        "--spray-from-s is {spray_from_s} s, but --wet-from-s is missing; give --wet-from-s, the time at which the \
+         spray is off"
     )]
     WetFromWhen {
         /// The requested time.
@@ -78,8 +78,8 @@ pub enum ClipFault {
     },
     /// The phases are in another order than the test needs.
     #[error(
-        "--spray-from-s is {spray_from_s}, --wet-from-s is {wet_from_s} and the film lasts {seconds} s; the spray must begin at 0 or \
-         later, the wet pictures after it, and both within the film"
+        "--spray-from-s is {spray_from_s} s, --wet-from-s is {wet_from_s} s, and the film lasts {seconds} s; the spray must begin at \
+         0 s or later, the wet pictures after the spray, and both within the film"
     )]
     SprayAfterWet {
         /// The requested time.

@@ -8,8 +8,8 @@ use std::path::PathBuf;
 pub enum DeviceFault {
     /// The controller's files and the cell's file state different ports.
     #[error(
-        "{}: CELLCMD.xml and CELLSTAT.xml listen on ports {files}, the cell's file states {cells}; make both the \
-         same: PORT in the files, command_port and state_port in [robot]", folder.display()
+        "{}: CELLCMD.xml and CELLSTAT.xml listen on ports {files}, but the cell's file states {cells}; set the same \
+         ports in PORT of the XML files and in [robot] command_port and state_port", folder.display()
     )]
     OtherPorts {
         /// The folder of the controller's files.
@@ -20,35 +20,39 @@ pub enum DeviceFault {
         cells: String,
     },
     /// No simulated tool exists that could have the fault.
-    #[error("--tool-fault needs [tool] kind \"simulated\" and the robot kind \"mock\" in the cell's file")]
+    #[error("--tool-fault needs [tool] kind = \"simulated\" and [robot] kind = \"mock\" in the cell's file")]
     NoToolThatFails,
     /// An option that is simulated only in a whole cycle.
-    #[error("{option} is for a whole cycle; pictures and scans are taken without it, so leave it out")]
+    #[error("{option} is for a whole cycle, not for single pictures and scans; leave the option out")]
     OfACycle {
         /// The option.
         option: &'static str,
     },
     /// Only the mock robot in this program can simulate the arm's errors.
-    #[error("--arm-error-mm needs the robot kind \"mock\": a controller in another process has an arm of its own")]
+    #[error(
+        "--arm-error-mm needs [robot] kind = \"mock\": the option has no effect on a controller in another process"
+    )]
     ArmErrorInRehearsal,
     /// A simulated camera without a simulated world.
-    #[error("a camera is simulated, but there is no simulated world for it to look at")]
+    #[error(
+        "a simulated camera needs the simulated cell; set [robot] kind = \"mock\", or use a real or a recorded camera"
+    )]
     NoWorld,
     /// A simulated tool without a simulated world.
     #[error(
-        "[tool] kind = \"simulated\", but there is no simulated world for it to press on: nothing simulated may \
-         decide how a real arm moves"
+        "[tool] kind = \"simulated\", but the cell is not simulated: a simulated tool may not determine how a real \
+         arm moves"
     )]
     NoWorldForTool,
     /// A flange camera that this program cannot open.
     #[error(
-        "[flange_camera] kind = \"gige\": this program was built without the cargo feature gige; use one that was built with \
-         it; without, \"simulated\" and \"recorded\" are allowed"
+        "[flange_camera] kind = \"gige\": this program was built without the cargo feature gige; use a program with this \
+         feature, or set kind = \"simulated\" or \"recorded\""
     )]
     BuiltWithoutGige,
     /// A camera without settings for taking a shot.
     #[error(
-        "[scanner] {key} is missing; kind = \"zivid\" needs it to take a shot: name the file that Zivid Studio saved \
+        "[scanner] {key} is missing; kind = \"zivid\" needs this key to take a shot: name the settings file that Zivid Studio saved \
          (settings for 3D shots with colour, settings_2d for pictures)"
     )]
     NoCameraSettings {
@@ -58,12 +62,12 @@ pub enum DeviceFault {
     /// The configured cameras are not those in use.
     #[error(
         "a camera's settings, or the serial number or size in its calibration, have changed since the service \
-         started, and it still uses the old ones; restart it"
+         started, and the service still uses the old values; restart the service"
     )]
     CamerasChanged,
     /// A calibration that does not fit any simulated scanner.
     #[error(
-        "the scanner's calibration is for {}×{} px, which the simulated scanner does not deliver; the nearest is {}×{} \
+        "the scanner's calibration is for {}×{} px, which the simulated scanner does not deliver; the nearest size is {}×{} \
          px: render the cell's files with `panelprep render`", found_px[0], found_px[1], nearest_px[0], nearest_px[1]
     )]
     NoSuchSimulatedSize {
@@ -91,7 +95,7 @@ pub enum DeviceFault {
     FoamInTheAir,
     /// A simulated controller proves nothing about a real one.
     #[error(
-        "[robot] kind is \"mock\": there is no controller to prove anything on; set kind = \"eki\" and host in the cell's file (to try \
+        "[robot] kind is \"mock\", which has no controller to test; set kind = \"eki\" and host in the cell's file (to try \
          the command, run panelprep mock-robot and set host = \"127.0.0.1\")"
     )]
     NothingToProve,

@@ -13,11 +13,11 @@ pub enum RecordFault {
     },
     /// Conditions of a search together with another request to the history.
     #[error(
-        "conditions such as --part belong to the search, `panelprep history` without another word; leave them out here"
+        "conditions such as --part are valid only for the search, `panelprep history` without a subcommand; remove them"
     )]
     SearchBesideTask,
     /// No cycle in the store treated this panel.
-    #[error("no cycle in this store was about a panel {panel}; {}", panels_words(panels))]
+    #[error("the store contains no cycle of panel {panel}; {}", panels_words(panels))]
     NoCyclesOf {
         /// The panel as the user named it.
         panel: String,
@@ -26,8 +26,8 @@ pub enum RecordFault {
     },
     /// The panel's cycles have no quantity of this name.
     #[error(
-        "no cycle of panel {panel} has a number {found}{}; write a word of this list: {}; or the name of a check as the page of a \
-         cycle has it, in quotes",
+        "no cycle of panel {panel} has a quantity {found}{}; valid: {}; or, in quotes, the name of a check on the page of a \
+         cycle",
         nearest.as_ref().map_or(String::new(), |nearest| format!(": did you mean {nearest}?")), words.join(", ")
     )]
     NoSuchNumber {
@@ -43,7 +43,7 @@ pub enum RecordFault {
     /// A part that may not be abraded any more.
     #[error(
         "the part {serial} has reached the limit of {most} passes ([process] max_passes_per_part): {history}; take \
-         it out, and let the inspector decide about it with the pages of these cycles"
+         the part out, and let the inspector decide about the part with the pages of these cycles"
     )]
     PartUsedUp {
         /// Its serial number.
@@ -58,8 +58,8 @@ pub enum RecordFault {
     CountUnknown(crate::store::LostCount),
     /// A cycle with an unsigned record.
     #[error(
-        "cycle {cycle} is not signed: it is not finished, or its signing failed; `panelprep store verify` reports \
-         details"
+        "the record of cycle {cycle} is not signed: the cycle has not ended, or signing failed; `panelprep store verify` \
+         reports details"
     )]
     NotSigned {
         /// The cycle.
@@ -67,14 +67,14 @@ pub enum RecordFault {
     },
     /// There is no public key for the verification.
     #[error(
-        "no public key to verify with ({problem}): name the cell's with --public-key FILE; `panelprep record export` writes it"
+        "no public key for the verification ({problem}): name the cell's public key with --public-key FILE; `panelprep record export` writes this file"
     )]
     NoPublicKey {
         /// Why the cell's own store has no public key.
         problem: String,
     },
     /// A name of the part that is not valid.
-    #[error("{option} \"{found}\": {problem}; write it as it is to appear on the cycle's page")]
+    #[error("{option} \"{found}\": {problem}; give the text as it must appear on the cycle's page")]
     PartName {
         /// The option.
         option: &'static str,
@@ -87,7 +87,7 @@ pub enum RecordFault {
 
 fn panels_words(panels: &[String]) -> String {
     match panels {
-        [] => "it has no cycles at all".to_owned(),
-        _ => format!("its cycles are about {}", panels.join(", ")),
+        [] => "the store contains no cycles".to_owned(),
+        _ => format!("panels in the store: {}", panels.join(", ")),
     }
 }

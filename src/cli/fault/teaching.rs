@@ -8,18 +8,20 @@ use std::path::PathBuf;
 pub enum TeachingFault {
     /// There is no scan for the teaching.
     #[error(
-        "there is no scan to teach with: name it with --scan FILE, take it now with --live DIR, or name the panel's drawing with \
+        "no scan for teaching: name a scan with --scan FILE, take a scan now with --live DIR, or name the panel's drawing with \
          --nominal FILE"
     )]
     NoScan,
     /// The terminal is closed, so that no person can answer.
     #[error(
-        "nobody answers at the terminal: the files taken so far are in the folder of --live, and can be named with \
-         --scan, --corner and --flange"
+        "no answer from the terminal: the files taken so far are in the folder of --live; name these files with --scan, \
+         --corner and --flange to continue"
     )]
     NobodyAnswers,
     /// The numbers of `--corner` and `--flange` options differ.
-    #[error("{found} --corner and {flanges} --flange: each corner picture needs the flange's pose at that picture")]
+    #[error(
+        "{found} --corner and {flanges} --flange were given: each corner picture needs the flange's pose at that picture"
+    )]
     CornerWithoutFlange {
         /// Corner pictures named.
         found: usize,
@@ -31,19 +33,19 @@ pub enum TeachingFault {
     Corners(Vec<String>),
     /// No corner picture for a cell that runs cycles.
     #[error(
-        "a cycle of this cell looks at taught corners before each contact, and no corner picture was given: name one or, better, \
-         two with --corner FILE --flange POSE.json each (a cell without [calibration] flange_camera needs none)"
+        "no corner picture was given, but a cycle of this cell measures taught corners before each contact: name one or, better, \
+         two pictures, each with --corner FILE --flange POSE.json (a cell without [calibration] flange_camera needs none)"
     )]
     NoCorner,
     /// No corner view for a cell that runs cycles, and a panel that is taught from its drawing.
     #[error(
-        "a cycle of this cell looks at taught corners before each contact, and no corner view was given: name the flange's pose of \
-         one or, better, two with --flange POSE.json each; the pictures are computed from the drawing"
+        "no corner view was given, but a cycle of this cell measures taught corners before each contact: name the flange's pose of \
+         one or, better, two views, each with --flange POSE.json; the pictures are computed from the drawing"
     )]
     NoCornerView,
     /// A drawing for a recipe that does not state its place.
     #[error(
-        "{}: [nominal] is missing: it states where the drawing's frame lies in the robot's base, by base_from_drawing or by datum points",
+        "{}: [nominal] is missing: state the pose of the drawing's frame in the robot's base, by base_from_drawing or by datum points",
         recipe.display()
     )]
     NoNominalPlace {
@@ -52,7 +54,7 @@ pub enum TeachingFault {
     },
     /// A scan for a recipe whose panel is taught from a drawing.
     #[error(
-        "{}: [nominal] states that the panel is taught from its drawing: name it with --nominal FILE, or take [nominal] out",
+        "{}: [nominal] states that the panel is taught from its drawing: name the drawing with --nominal FILE, or remove [nominal]",
         recipe.display()
     )]
     NominalByScan {
@@ -70,7 +72,7 @@ pub enum TeachingFault {
     },
     /// A corner of the region that is not on the drawing's surface.
     #[error(
-        "[nominal] region_mm: corner {number} lies {} mm in front of the drawing's surface or behind it (limit {} mm); state the \
+        "[nominal] region_mm: corner {number} is {} mm in front of or behind the drawing's surface (limit {} mm); state the \
          coordinates of a point on the surface",
         apart(*away_mm, *limit_mm, 1)[0], apart(*away_mm, *limit_mm, 1)[1]
     )]
@@ -83,7 +85,7 @@ pub enum TeachingFault {
         limit_mm: f64,
     },
     /// A region that would be stated twice.
-    #[error("{}: [nominal] region_mm states the region: take it out to draw the region, or leave --draw out", recipe.display())]
+    #[error("{}: [nominal] region_mm already states the region: remove region_mm to draw the region, or leave out --draw", recipe.display())]
     RegionInDrawing {
         /// The recipe's file.
         recipe: PathBuf,
@@ -95,7 +97,9 @@ pub enum TeachingFault {
         flange: PathBuf,
     },
     /// More corner pictures than corners were taught.
-    #[error("{found} corner pictures, but {taught} corners of this panel were taught; teach them with --corner")]
+    #[error(
+        "{found} corner pictures, but only {taught} corners of this panel were taught; teach more corners with --corner"
+    )]
     CornersNotTaught {
         /// Pictures named.
         found: usize,
@@ -105,7 +109,7 @@ pub enum TeachingFault {
     /// The recipe differs from the one with which the panel was taught.
     #[error(
         "{}: [{table}] differs from the recipe with which panel \"{panel}\" was taught (version {version}); \
-         teach it again or take the change back", recipe.display()
+         teach the panel again or undo the change", recipe.display()
     )]
     TaughtOtherwise {
         /// The recipe's file.

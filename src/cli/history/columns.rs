@@ -44,7 +44,7 @@ fn codes(reasons: &[Reason]) -> String {
 /// Formats the results of a search.
 pub(super) fn hits(hits: &Hits) -> Vec<String> {
     if hits.hits.is_empty() {
-        return vec!["no cycle is so".to_owned()];
+        return vec!["no cycle matches the search".to_owned()];
     }
     let mut rows = vec![row(&["cycle", "began", "panel", "part", "order", "operator", "verdict", "reasons"])];
     rows.extend(hits.hits.iter().map(|hit| {
@@ -61,7 +61,7 @@ pub(super) fn hits(hits: &Hits) -> Vec<String> {
         ]
     }));
     let mut words = columns(&rows);
-    words.extend(hits.next.map(|next| format!("there are more: --before {next}")));
+    words.extend(hits.next.map(|next| format!("more cycles exist: search with --before {next}")));
     words
 }
 
@@ -130,7 +130,7 @@ pub(super) fn comparison(comparison: &Comparison) -> Vec<String> {
     let mut words = vec![match comparison.is_same_part {
         Some(true) => format!("part {}", or_nothing(first.part.serial.clone())),
         Some(false) => "the parts differ".to_owned(),
-        None => "at least one of the cycles names no part".to_owned(),
+        None => "the part is not stated in at least one of the cycles".to_owned(),
     }];
     let head = [format!("cycle {}", first.cycle), format!("cycle {}", second.cycle)];
     let mut rows = vec![row(&["", &head[0], &head[1], "difference", "limit"])];
@@ -189,13 +189,13 @@ pub(super) fn trend(trend: &Trend) -> Vec<String> {
     words.extend(columns(&rows));
     words.push(match trend.usual {
         Some(usual) => format!(
-            "usual: {} ± {} (mean and one standard deviation); hints are by the rules of Western Electric and no verdict",
+            "usual: {} ± {} (mean and one standard deviation); hints follow the Western Electric rules and are not verdicts",
             shown(usual.mean),
             shown(usual.sigma)
         ),
         None => format!("fewer than {} values: no hints", crate::history::western_electric::MIN_VALUES),
     });
-    words.extend((trend.without > 0).then(|| format!("{} more cycles have no such value", trend.without)));
+    words.extend((trend.without > 0).then(|| format!("{} more cycles do not have this value", trend.without)));
     words
 }
 

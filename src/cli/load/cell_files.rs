@@ -21,8 +21,8 @@ use crate::store::{Store, calibration_hash};
 use std::path::{Path, PathBuf};
 
 /// Message for a pose without axes: the axes that are missing, and how to add them.
-pub const NO_AXES: &str = "the cell's file names a correction of the arm, which needs the axes: add axes_deg = \
-                           [A1, …, A6] next to base_from_flange, as the pendant shows them at this pose";
+pub const NO_AXES: &str = "the cell's file names a correction of the arm, which needs axis angles: add axes_deg = \
+                           [A1, …, A6] next to base_from_flange, as the pendant shows the axes at this pose";
 
 /// Returns a file's name for messages.
 pub(super) fn name(file: &Path) -> String {

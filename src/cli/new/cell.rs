@@ -97,19 +97,23 @@ pub(super) fn run(args: &NewCell, common: &Common) -> Result<Outcome, Fault> {
     let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
     outcome.words = vec![
         format!("written: {name}; `panelprep check {name}` accepts it"),
-        format!("the files that it names are still to be made: `panelprep check --for cycle {name}` lists them"),
+        format!(
+            "next, make the files that the cell's file names: `panelprep check --for cycle {name}` lists these files"
+        ),
     ];
     let to_check: &[&str] = if answers.robot == RobotKindName::Eki { &OF_THE_CELL } else { &[] };
     if !to_check.is_empty() {
         let tables = to_check.join(", ");
         outcome.add_line(format!(
-            "hold the numbers of these tables against your cell before anything moves: {tables}"
+            "compare the numbers in these tables with your cell before anything moves: {tables}"
         ));
         outcome.add_line(
-            "measure the cameras' positions with a tape, and state them in [rough]: without them a \
-                     camera's mount ends in review",
+            "measure the cameras' positions with a tape, and state the positions in [rough]: without [rough], the \
+             calibration of a camera's mount ends in review",
         );
-        outcome.add_line(format!("the service reaches only the networks in {NETWORKS}: see the manual, network"));
+        outcome.add_line(format!(
+            "the service can reach only the networks in {NETWORKS}: see the page network of the manual"
+        ));
     }
     outcome.put("file", json!(args.out));
     outcome.put("to_check", json!(to_check));
@@ -121,7 +125,9 @@ pub(super) fn run(args: &NewCell, common: &Common) -> Result<Outcome, Fault> {
 fn none_of(others: &'static str, chosen: &str, given: &[(&'static str, &Option<String>)]) -> Result<(), Fault> {
     let of_another = given.iter().find_map(|(option, value)| Some((*option, value.as_ref()?)));
     of_another.map_or(Ok(()), |(option, found)| {
-        let problem = format!("it belongs to {others}, and {chosen} was chosen; leave it out, or choose {others}");
+        let problem = format!(
+            "the option belongs to {others}, but {chosen} was chosen; leave the option out, or choose {others}"
+        );
         Err(Fault::BadAnswer { option, found: found.clone(), problem })
     })
 }
@@ -314,10 +320,11 @@ fn motion(args: &NewCell, asker: &mut Asker<'_>, answers: &Answers) -> Result<Mo
         Answers { motion: Some(motion), ..answers.clone() }.accepted("poses")
     })?;
     let [least, greatest] = MOTION.box_mm.map(|corner| joined(&corner));
-    let words = "least corner of the box that the tool's tip stays in, mm in the robot's base: x,y,z";
+    let words = "minimum corner of the box in which the tool's tip must stay, mm in the robot's base: x,y,z";
     let corners = [
         Question::new(words, "--box-min-mm", args.box_min_mm.as_deref()).proposing(least),
-        Question::new("its greatest corner: x,y,z", "--box-max-mm", args.box_max_mm.as_deref()).proposing(greatest),
+        Question::new("maximum corner of this box: x,y,z", "--box-max-mm", args.box_max_mm.as_deref())
+            .proposing(greatest),
     ];
     let box_mm = asker.box_mm(corners, |box_mm| {
         let motion = Motion { park_deg, box_mm: *box_mm };
@@ -427,9 +434,9 @@ fn text(name: &str, answers: &Answers) -> Result<String, Fault> {
 /// The text before the first table.
 fn head(answers: &Answers) -> String {
     let socket = match answers.store == SERVICE_STORE {
-        true => format!("socket = \"{SERVICE_SOCKET}\" # as in panelprep.service: its group may send requests\n"),
+        true => format!("socket = \"{SERVICE_SOCKET}\" # as in panelprep.service: members of the service's group may send requests\n"),
         false => {
-            "# socket = \"panelprep.sock\" # `panelprep ctl` finds `panelprep run` here; without it, in the store\n"
+            "# socket = \"panelprep.sock\" # socket by which `panelprep ctl` finds `panelprep run`; default: in the store\n"
                 .to_owned()
         }
     };

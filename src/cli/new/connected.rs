@@ -58,7 +58,7 @@ fn only_zivid() -> Result<String, String> {
     match camera.ready(Patience::default().start()) {
         Err(ZividFault::WrongCamera { found, .. }) => Ok(found),
         Err(fault) => Err(fault.to_string()),
-        Ok(()) => Err("it reports no serial number".to_owned()),
+        Ok(()) => Err("the camera reports no serial number".to_owned()),
     }
 }
 
@@ -67,6 +67,6 @@ pub(super) fn controller(host: &str, port: u16) -> String {
     let place = format!("{host}, port {port}");
     match connected((host.to_owned(), port), RESPONSE_TIMEOUT) {
         Ok(()) => format!("{place}: the controller accepts connections; `panelprep doctor` checks more"),
-        Err(problem) => format!("{place}: nothing answers yet: {problem}"),
+        Err(problem) => format!("{place}: no answer yet: {problem}"),
     }
 }

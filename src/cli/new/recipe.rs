@@ -46,11 +46,11 @@ pub(super) fn run(args: &NewRecipe, common: &Common) -> Result<Outcome, Fault> {
     if cell.is_none() {
         let cell = common.cell.display();
         outcome.add_line(format!(
-            "it was not compared with a cell: {cell} is not there or not right; `panelprep check {cell} {name}` compares both"
+            "the recipe was not compared with a cell: {cell} does not exist or is not valid; `panelprep check {cell} {name}` compares both"
         ));
     }
     if args.corners_px.is_none() {
-        outcome.add_line("hold the corners of its region against a scan of your panel: `panelprep look` shows it with a pixel ruler");
+        outcome.add_line("compare the corners of the region with a scan of your panel: `panelprep look` draws the scan with a pixel ruler");
     }
     outcome.put("file", json!(args.out));
     Ok(outcome)
@@ -130,10 +130,10 @@ impl Answers {
             held.accepts("region", &Answers { corners_px: *corners_px, ..answers.clone() })
         })?;
         let [least, greatest] = answers.box_mm.map(|corner| joined(&corner));
-        let words = "least corner of the box in which the panel is searched, mm in the robot's base: x,y,z";
+        let words = "minimum corner of the box in which the panel is searched, mm in the robot's base: x,y,z";
         let corners = [
             Question::new(words, "--box-min-mm", args.box_min_mm.as_deref()).proposing(least),
-            Question::new("its greatest corner: x,y,z", "--box-max-mm", args.box_max_mm.as_deref())
+            Question::new("maximum corner of this box: x,y,z", "--box-max-mm", args.box_max_mm.as_deref())
                 .proposing(greatest),
         ];
         answers.box_mm = asker

@@ -51,7 +51,7 @@ fn part(stage: ProofStage, proofs: &[&Proof], by: &str, controller: ControllerKi
 /// signed.
 pub(super) fn render(proofs: &[Proof], by: &str, (robot, controller): (&Robot, ControllerKind)) -> String {
     let title = match controller {
-        ControllerKind::Mock => "Rehearsed on a mock controller: proves nothing about a real one",
+        ControllerKind::Mock => "Rehearsed on a mock controller: proves nothing about a real controller",
         ControllerKind::Unknown => "No controller answered: proves nothing",
         ControllerKind::Real => "Proven on the controller",
     };
@@ -72,8 +72,8 @@ pub(super) fn render(proofs: &[Proof], by: &str, (robot, controller): (&Robot, C
                 }
                 p {
                     (count(Finding::Proven)) " proven, " (count(Finding::Wrong)) " wrong, " (count(Finding::Open))
-                    " open. While one is wrong or open, the robot stays in T1, the sanding tool without power and the panel out \
-                     of reach."
+                    " open. While any assumption is wrong or open, keep the robot in T1, the sanding tool without power and the \
+                     panel out of reach."
                 }
                 @for stage in ProofStage::ALL {
                     @let of_stage: Vec<&Proof> = proofs.iter().filter(|proof| proof.assumption.stage == stage).collect();

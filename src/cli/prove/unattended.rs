@@ -98,7 +98,7 @@ fn second_client_is_kept_out(cell: &Cell) -> Tried {
         Err(_) => "was refused",
     };
     let evidence = format!(
-        "the second client {what}, the first {}",
+        "the second client {what}, the first client {}",
         if undisturbed { "continued undisturbed" } else { "received nothing more" }
     );
     found(undisturbed && !matches!(heard, Ok(true)), evidence)
@@ -117,11 +117,11 @@ fn the_epoch_is_not_used_up(cell: &Cell) -> Tried {
         if after != before {
             return found(
                 false,
-                format!("operation {operation} with 2147483647: the epoch went from {before} to {after}"),
+                format!("operation {operation} with 2147483647: the epoch changed from {before} to {after}"),
             );
         }
     }
-    found(true, format!("2147483647 was requested by a reset and by an abort: the epoch stayed {before}"))
+    found(true, format!("a reset and an abort requested the epoch 2147483647: the epoch stayed {before}"))
 }
 
 fn a_vanishing_client_is_missed_by_nobody(cell: &Cell) -> Tried {
@@ -140,7 +140,10 @@ fn a_vanishing_client_is_missed_by_nobody(cell: &Cell) -> Tried {
     }
     found(
         true,
-        format!("{TIMES} clients vanished at once; the next was served within {:.1} s", slowest.as_secs_f64()),
+        format!(
+            "{TIMES} clients disconnected immediately; the next client was served within {:.1} s",
+            slowest.as_secs_f64()
+        ),
     )
 }
 

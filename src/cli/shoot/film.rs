@@ -155,7 +155,7 @@ fn report_result(args: &Shoot, taken: &CapturedFilm, outcome: &mut Outcome) {
     let sustained = if span_s > 0.0 { (times_s.len() - 1) as f64 / span_s } else { 0.0 };
     let longest_s = times_s.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
     outcome.add_line(format!(
-        "{}: {} pictures, {sustained:.2} a second ({} requested), the longest gap {longest_s:.2} s, {} dropped",
+        "{}: {} pictures, {sustained:.2} per second ({} requested), longest gap {longest_s:.2} s, {} dropped",
         args.out.join("clip.csv").display(),
         times_s.len(),
         args.pictures_per_second,

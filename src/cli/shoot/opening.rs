@@ -113,7 +113,7 @@ fn simulated(files: &CellFiles, wanted: &Wanted, scanner: Option<PinholeCamera>)
 fn service(files: &CellFiles, is_recorded: bool, progress: &dyn Fn(&str)) -> Option<PathBuf> {
     let socket = files.socket();
     let state = if is_recorded { None } else { service_request::state_of(&socket) }?;
-    progress(&format!("the service, which is {state}, takes the pictures"));
+    progress(&format!("the service (state {state}) takes the pictures"));
     Some(socket)
 }
 
@@ -181,7 +181,7 @@ pub fn flange_camera(
             Ok(Opened::new(Box::new(sized(own, open, look)?.0)))
         }
         cell::Camera::Device(gige) => {
-            progress("looking for the flange camera");
+            progress("searching for the flange camera");
             let open = |lens: &PinholeCamera| live::gige_camera(&files.cell, gige, lens);
             Ok(Opened::new(sized(own, open, |camera| camera.check())?.0))
         }

@@ -11,8 +11,8 @@ pub(super) fn conditions(outcome: &mut Outcome, told: &mut Value, conditions: Co
         (json!(exposure_us), json!(camera_c), json!(throttled_ms));
     let words = [
         exposure_us.map(|us| format!("exposed for {:.2} ms", us / 1_000.0)),
-        camera_c.map(|celsius| format!("the camera has {celsius:.1} °C")),
-        throttled_ms.map(|ms| format!("it paused for {ms:.0} ms because it is hot")),
+        camera_c.map(|celsius| format!("camera temperature {celsius:.1} °C")),
+        throttled_ms.map(|ms| format!("the camera paused for {ms:.0} ms because it is hot")),
     ];
     let words: Vec<String> = words.into_iter().flatten().collect();
     if !words.is_empty() {
@@ -22,7 +22,7 @@ pub(super) fn conditions(outcome: &mut Outcome, told: &mut Value, conditions: Co
 
 pub(super) fn words(quality: &PictureQuality) -> String {
     format!(
-        "sharpness {:.1} grey levels a pixel at the steepest edges, saturated {:.2} %, dark {:.1} %, mean grey level {:.0} of 255",
+        "sharpness {:.1} grey levels per pixel at the steepest edges, saturated {:.2} %, dark {:.1} %, mean grey level {:.0} of 255",
         quality.sharpness_gray_per_px,
         100.0 * quality.saturated_share,
         100.0 * quality.dark_share,

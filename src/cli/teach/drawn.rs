@@ -130,15 +130,15 @@ impl Drawn {
                 false => "the drawing reaches the rim of the 3D camera's picture".to_owned(),
             };
             format!(
-                "{found}: that part of the panel and its edge are not seen; check [nominal], or move the camera"
+                "{found}: the camera does not see this part of the panel and its edge; check [nominal], or move the camera"
             )
         };
         let coarse = || {
             let [found, limit] = apart(self.facet_error_mm, MAX_FACETS_MM, 3);
             format!(
-                "where its surface is curved, the drawing's triangles deviate from it by about {found} mm (limit {limit} mm): the \
-                 deviation of the panel would be that of the triangles; export the drawing with a deviation of 0.01 mm, unless this is an \
-                 edge of the panel of less than 29°"
+                "on curved surfaces, the drawing's triangles deviate from the surface by about {found} mm (limit {limit} mm), and the \
+                 measured deviation of the panel would contain this error; export the drawing with a deviation of 0.01 mm, unless the panel \
+                 has an edge of less than 29° there"
             )
         };
         let is_cut = outside > MAX_OUTSIDE || self.reaches_rim;
@@ -159,10 +159,10 @@ impl Drawn {
         ));
         let hidden = fixed(100.0 * self.not_seen.hidden, 1);
         outcome.add_line(format!(
-            "{hidden} % of the surface that faces the 3D camera is hidden behind other parts of it"
+            "{hidden} % of the surface that faces the 3D camera is hidden behind other parts of the surface"
         ));
         if let Some(residual_mm) = self.residual_mm {
-            outcome.add_line(format!("its datum points fit the drawing to {} mm", fixed(residual_mm, 2)));
+            outcome.add_line(format!("the datum points fit the drawing to {} mm", fixed(residual_mm, 2)));
         }
         outcome.put(
             "drawing",
@@ -178,8 +178,8 @@ impl Drawn {
     pub fn warnings(&self) -> Option<String> {
         (self.facet_error_mm > FINE_FACETS_MM).then(|| {
             format!(
-                "where its surface is curved, the drawing's triangles deviate from it by about {} mm (better: {FINE_FACETS_MM} mm or \
-                 less); export it with a smaller deviation",
+                "on curved surfaces, the drawing's triangles deviate from the surface by about {} mm (better: {FINE_FACETS_MM} mm or \
+                 less); export the drawing with a smaller deviation",
                 fixed(self.facet_error_mm, 3)
             )
         })

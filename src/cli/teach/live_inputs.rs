@@ -79,7 +79,10 @@ fn draw(args: &Teach, picture: &ColorPicture) -> Result<(), Fault> {
         write: Box::new(move |text| disk::write_through(&recipe, text).map_err(|fault| fault.to_string())),
     };
     let local = Local::listen(args.listen).map_err(Fault::stage)?;
-    tell_line(&format!("Draw the region and what is masked: open {} in a browser on this computer.", local.url()));
+    tell_line(&format!(
+        "Draw the region and the masked areas: open {} in a browser on this computer.",
+        local.url()
+    ));
     let saved = drawing::serve(local, sheet).map_err(Fault::stage)?;
     let words = if saved == 0 { "nothing was saved: the recipe is unchanged" } else { "saved" };
     tell_line(&format!("{}: {words}", args.recipe.display()));

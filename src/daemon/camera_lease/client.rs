@@ -81,7 +81,7 @@ fn head(connection: &mut Connection) -> Result<Sent, CameraError> {
         // A request that was refused before the cameras were asked is answered like every other request.
         Err(error) => match serde_json::from_slice::<Reply>(&line) {
             Ok(reply) => Err(failed(words(&reply.reasons))),
-            Err(_) => Err(failed(format!("its answer is not understood: {error}"))),
+            Err(_) => Err(failed(format!("the response of the service cannot be decoded: {error}"))),
         },
     }
 }
@@ -92,14 +92,16 @@ fn words(reasons: &[crate::verdict::Reason]) -> String {
 
 fn body(connection: &mut Connection, bytes: usize) -> Result<Vec<u8>, CameraError> {
     if bytes > MAX_SHOT_BYTES {
-        return Err(failed(format!("a shot of {bytes} bytes (limit {MAX_SHOT_BYTES} bytes)")));
+        return Err(failed(format!(
+            "the service announced a shot of {bytes} bytes (limit {MAX_SHOT_BYTES} bytes)"
+        )));
     }
     let mut body = Vec::new();
     let read = connection.take(bytes as u64).read_to_end(&mut body).map_err(failed)?;
     if read == bytes {
         Ok(body)
     } else {
-        Err(failed(format!("the connection ended after {read} of {bytes} bytes")))
+        Err(failed(format!("connection closed by the service after {read} of {bytes} bytes")))
     }
 }
 

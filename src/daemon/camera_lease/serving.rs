@@ -49,7 +49,7 @@ impl From<CameraError> for Broken {
 pub fn serve(mut stream: UnixStream, request: ShotRequest, cameras: &SharedCameras) {
     let sent = shots(&mut stream, request, cameras);
     if let Err(Broken::Refused(reasons)) = sent {
-        #[expect(clippy::let_underscore_must_use, reason = "whoever hung up does not want to know")]
+        #[expect(clippy::let_underscore_must_use, reason = "a client that disconnected needs no reply")]
         let _ = head(&mut stream, &Sent::Failed { reasons });
     }
 }
@@ -84,7 +84,8 @@ fn one(stream: &mut UnixStream, lent: &CameraLease<'_>, eye: Eye) -> Result<(), 
 fn film(stream: &mut UnixStream, pictures_per_second: f64, lent: &CameraLease<'_>) -> Result<(), Broken> {
     if !(pictures_per_second > 0.0 && pictures_per_second <= MAX_PICTURES_PER_SECOND) {
         let message = format!(
-            "{pictures_per_second} pictures per second; more than 0 and at most {MAX_PICTURES_PER_SECOND} are possible"
+            "the rate is {pictures_per_second} pictures per second; valid: more than 0, at most \
+             {MAX_PICTURES_PER_SECOND}"
         );
         return Err(Reason::new("bad_request", message).into());
     }
@@ -124,10 +125,12 @@ fn pictures(stream: &mut UnixStream, time_s: f64, lent: &CameraLease<'_>) -> Res
 fn has_enough(stream: &mut UnixStream) -> Result<bool, Broken> {
     match stream.read(&mut [0; 64]) {
         Ok(0) => Ok(true),
-        Ok(_) => {
-            Err(Reason::new("bad_request", "a film is ended only by closing the connection; nothing may be sent")
-                .into())
-        }
+        Ok(_) => Err(Reason::new(
+            "bad_request",
+            "data was received while a film is being recorded; send nothing, and close the connection to end the \
+             film",
+        )
+        .into()),
         Err(error)
             if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted) =>
         {

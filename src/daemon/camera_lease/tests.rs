@@ -150,7 +150,7 @@ fn shots_come_over_as_they_were_taken() {
     let bits = |cloud: &OrganizedCloud<Camera>| crate::files::write_pcd(cloud);
     assert_eq!(bits(&shot.cloud), bits(&cloud()));
     assert_eq!(scanner.conditions(), CONDITIONS);
-    refused(scanner.capture_2d(), "no shot of the scanner within 900 ms");
+    refused(scanner.capture_2d(), "no shot from the scanner within 900 ms");
 
     let taken = BorrowedFlangeCamera::new(bench.socket()).capture().expect("a picture");
     assert_eq!((taken.picture.width, taken.picture.rgb[5], taken.time_s), (3, [5, 10, 15], 1.0));
@@ -201,8 +201,8 @@ fn a_film_lasts_until_the_client_has_enough() {
     }
     assert_eq!(scanner.end_clip().expect("ended"), 4);
     assert_eq!(bench.counts.films_ended.load(Ordering::Relaxed), 1);
-    refused(scanner.next_of_clip(), "takes no clip");
-    refused(scanner.begin_clip(0.0), "more than 0 and at most 100 are possible");
+    refused(scanner.next_of_clip(), "is not recording a clip");
+    refused(scanner.begin_clip(0.0), "valid: more than 0, at most 100");
     assert!(scanner.capture_3d().is_ok(), "the cameras are free again");
 }
 
@@ -228,7 +228,7 @@ fn a_cycle_takes_its_cameras_back() {
     refused(bench.scanner().capture_3d(), "another client is taking pictures now");
     bench.cameras.are_needed();
     let end = (0..1_000).find_map(|_| scanner.next_of_clip().err()).expect("the film ends");
-    assert!(end.to_string().contains("the cell is at work"), "{end}");
+    assert!(end.to_string().contains("the service is using the cameras for a cycle"), "{end}");
     assert_eq!(bench.counts.films_ended.load(Ordering::Relaxed), 1, "before the cycle's own first shot");
     refused(bench.scanner().capture_3d(), "try again when the cycle has ended");
 
@@ -236,9 +236,9 @@ fn a_cycle_takes_its_cameras_back() {
     let mut running = held;
     running.job.running = true;
     bench.cameras.cell_is(&running);
-    refused(bench.scanner().capture_3d(), "the cell is at work");
+    refused(bench.scanner().capture_3d(), "the service is using the cameras for a cycle");
     bench.cameras.cell_is(&State { at: At::Execute(Phase::Inspect), ..held });
-    refused(bench.scanner().capture_3d(), "the cell is at work");
+    refused(bench.scanner().capture_3d(), "the service is using the cameras for a cycle");
     bench.rests();
     assert!(bench.scanner().capture_3d().is_ok());
 

@@ -71,7 +71,7 @@ fn the_reason_names_output_and_feedback() {
     let wiring = wiring();
     let leaks = contrary_reason(Switch::WaterOff, &wiring, &state(0b1_1100, 0b1110)).message;
     assert!(
-        leaks.starts_with("expected: the water is off; for 0.5 s the controller reports something else"),
+        leaks.starts_with("expected: the water is off; the controller has reported a different state for 0.5 s"),
         "{leaks}"
     );
     assert!(
@@ -82,7 +82,7 @@ fn the_reason_names_output_and_feedback() {
     assert!(switched.ends_with("the output light is reported not as commanded"), "{switched}");
     let unproven = |inputs| unproven_reason(Switch::ToolOn, &wiring, &state(0b1_1100, inputs));
     let dead = unproven(0b0111).expect("the tool does not turn").message;
-    assert!(dead.starts_with("commanded: the tool runs; the controller did not confirm it in time"), "{dead}");
+    assert!(dead.starts_with("commanded: the tool is on; the controller did not confirm it in time"), "{dead}");
     assert!(
         dead.ends_with("the output tool is reported as commanded; the feedback tool_running reads off"),
         "{dead}"

@@ -82,7 +82,7 @@ fn form(status: StatusCode, problem: Option<&str>) -> Response {
                 @if let Some(problem) = problem { p.bad role="alert" { (problem) } }
                 button.primary type="submit" { "Log in" }
             }
-            p.note { "Accounts are made at the office's computer: panelprep archive account NAME." }
+            p.note { "Create accounts on the office's computer with: panelprep archive account NAME" }
         }
     };
     (status, frame::page("Log in", "", None, &body)).into_response()
@@ -101,7 +101,7 @@ pub(super) async fn log_in(
     Form(Credentials { name, password }): Form<Credentials>,
 ) -> Response {
     if is_foreign(&headers) {
-        return form(StatusCode::FORBIDDEN, Some("The form does not come from this page."));
+        return form(StatusCode::FORBIDDEN, Some("The form was not sent from this page."));
     }
     let wrong = || form(StatusCode::UNAUTHORIZED, Some("Name or password is wrong."));
     if checked_name(&name).is_err() {
@@ -115,7 +115,7 @@ pub(super) async fn log_in(
     let account = match (shared.tried(name.clone(), password, hash).await, account) {
         (Some(Tried::Right), Some(account)) => account,
         (Some(Tried::Pauses(left_s)), _) => {
-            let words = format!("After wrong passwords this account pauses. Try again in {} s.", left_s.ceil());
+            let words = format!("This account is locked after wrong passwords. Try again in {} s.", left_s.ceil());
             return form(StatusCode::TOO_MANY_REQUESTS, Some(&words));
         }
         _ => {
@@ -124,7 +124,10 @@ pub(super) async fn log_in(
         }
     };
     let (Ok(token), Ok(csrf)) = (random::token(), random::token()) else {
-        return form(StatusCode::SERVICE_UNAVAILABLE, Some("This computer has no random numbers yet. Try again."));
+        return form(
+            StatusCode::SERVICE_UNAVAILABLE,
+            Some("The computer's random number generator is not ready yet. Try again."),
+        );
     };
     let stamp = stamp(&account);
     let (name, printed_name) = (account.name, account.printed_name);

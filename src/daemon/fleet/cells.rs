@@ -78,7 +78,7 @@ fn row(cell: &CellNow, now_unix_ms: i64) -> Markup {
                 @if stale {
                     br;
                     "⚠ stale"
-                    @if let Some(heard) = cell.heard_unix_ms { " since " (time(heard.div_euclid(1_000))) } @else { ": it never reported its state" }
+                    @if let Some(heard) = cell.heard_unix_ms { " since " (time(heard.div_euclid(1_000))) } @else { ": no state was ever reported" }
                 }
             }
             td {

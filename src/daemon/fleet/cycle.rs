@@ -58,7 +58,7 @@ pub(super) async fn file(State(shared): State<Shared>, Path(hash): Path<String>)
     let Ok(Some(bytes)) = tokio::task::spawn_blocking(move || reader.file(&hash)).await else {
         return (
             StatusCode::NOT_FOUND,
-            "The archive does not have this file, or it is damaged: panelprep archive check",
+            "The archive does not have this file, or the file is damaged. Run panelprep archive check.",
         )
             .into_response();
     };
@@ -94,7 +94,7 @@ fn body(Record { row, signed, statement }: &Record) -> Markup {
         }
         section.card {
             h2 { "Signatures" }
-            @if signed.is_empty() { p { "⚠ The signed record of this cycle has not come yet." } }
+            @if signed.is_empty() { p { "⚠ The signed record of this cycle has not arrived yet." } }
             ul { @for one in signed { li { (signature(one)) } } }
         }
         @if let Some(cycle) = statement { (findings(cycle)) (files(cycle)) }
@@ -115,7 +115,8 @@ fn signature(SignedBy { statement, record_hash, unix_ms, person }: &SignedBy) ->
 /// Shows every check of the record; for a record of another version of the program, only the JSON.
 fn findings(cycle: &SignedCycle) -> Markup {
     let Ok(record) = cycle.cycle_record() else {
-        return html! { section.card { p { "This record was written by another version of the program: read it as JSON." } } };
+        return html! { section.card { p { "This record was written by another version of the program: open it as \
+        JSON." } } };
     };
     html! {
         @for finding in &record.findings {

@@ -117,7 +117,7 @@ fn body(form: &SearchForm, rows: &[CycleRow], panels: &[String], cells: &[String
                 button.primary type="submit" { "Search" }
             }
             p.links { a href={ "/cycles.csv?" (all) } { "CSV" } " · " a href={ "/cycles.json?" (all) } { "JSON" } }
-            @if rows.is_empty() { p { "There is no such cycle." } } @else {
+            @if rows.is_empty() { p { "No cycle matches this search." } } @else {
                 div.scroll tabindex="0" { table {
                     thead { tr { th { "Began (UTC)" } th { "Cell" } th { "Cycle" } th { "Panel" } th { "Serial number" } th { "Work order" } th { "Verdict" } } }
                     tbody { @for row in rows { tr {

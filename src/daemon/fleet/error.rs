@@ -9,11 +9,14 @@ use std::path::PathBuf;
 pub enum FleetError {
     /// The settings name no address.
     #[error(
-        "the archive's settings have no address for its page: set listen in [fleet], such as \"127.0.0.1:8444\""
+        "the archive's settings have no address for the office's page: set listen in [fleet], such as \
+         \"127.0.0.1:8444\""
     )]
     NoAddress,
     /// The address cannot be used.
-    #[error("{address}: the office's page cannot be served here: {source}; name another address at [fleet] listen")]
+    #[error(
+        "{address}: cannot serve the office's page at this address: {source}; set another address at [fleet] listen"
+    )]
     Listen {
         /// The address.
         address: SocketAddr,
@@ -21,7 +24,7 @@ pub enum FleetError {
         source: std::io::Error,
     },
     /// The folder of the archive.
-    #[error("cannot make the archive's folder {}: {source}", path.display())]
+    #[error("cannot create the archive's folder {}: {source}", path.display())]
     Folder {
         /// The folder.
         path: PathBuf,
@@ -29,8 +32,6 @@ pub enum FleetError {
         source: std::io::Error,
     },
     /// The certificate.
-    #[error(
-        "the office's page: {0}; certificate and certificate_key in [fleet] of the archive's settings name others"
-    )]
+    #[error("the office's page: {0}; check certificate and certificate_key in [fleet] of the archive's settings")]
     Certificate(#[from] PageFileError),
 }

@@ -119,7 +119,7 @@ fn numbers_body(Found { panels, query, cells }: &Found) -> Markup {
     let words: Vec<&str> = Known::words();
     html! {
         section.card {
-            h2 { "Numbers of a panel over all cells" }
+            h2 { "Measured values of a panel over all cells" }
             form.search method="get" action="/numbers" {
                 (choice("Panel", "panel", &query.panel, panels.iter().map(String::as_str)))
                 (choice("Number", "quantity", &query.quantity, words.into_iter()))
@@ -183,7 +183,7 @@ fn compared((title, unit): (&str, &str), cells: &[CellNumbers]) -> Markup {
 const WORDS: ChartWords<'_> = ChartWords {
     cycle: "time (UTC)",
     usual: "as usual",
-    unusual: "unusual by the rules of Western Electric",
+    unusual: "unusual by the Western Electric rules",
     beyond: "beyond its limit",
     limit: "limit",
     mean: "mean",

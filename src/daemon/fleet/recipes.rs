@@ -59,7 +59,7 @@ fn body(panels: &[String], panel: &str, uses: &[RecipeUse], offer: Option<&Recip
                     (frame::time(offer.unix_ms.div_euclid(1_000))) ", because: " (offer.why) ". Cells that have run it: " (taken) "."
                 }
             }
-            @if uses.is_empty() { p { "No cycle was about this panel." } } @else {
+            @if uses.is_empty() { p { "No cycle of this panel is archived." } } @else {
                 div.scroll tabindex="0" { table {
                     thead { tr { th { "Version" } th { "Cell" } th { "First used" } th { "Last used" } th { "Cycles" } th { "Passed" } th { "Difference" } } }
                     tbody { @for one in uses { tr {

@@ -139,13 +139,16 @@ impl LineParts {
             Err(problem) => Some(problem),
         };
         if let Some(why) = &refused {
-            tracing::warn!("the line requests a {word}, which is refused: {why}");
+            tracing::warn!("the line requested a {word}, which was refused: {why}");
         }
         let is_taken = refused.is_none();
         let (role, from) = (is_taken.then_some(Role::Operator), "the line's digital signals".to_owned());
         let entry = AuditEntry { refused, ..AuditEntry::done(None, role, from, word) };
         let people = self.people.clone();
-        #[expect(clippy::let_underscore_must_use, reason = "a line that cannot be stored is in the service's log")]
+        #[expect(
+            clippy::let_underscore_must_use,
+            reason = "an entry that cannot be stored is written to the service's log"
+        )]
         let _ = tokio::task::spawn_blocking(move || people.audit(&entry)).await;
         is_taken
     }
@@ -176,14 +179,14 @@ impl LineParts {
         let read =
             tokio::task::spawn_blocking(move || disk::read(&file)).await.map_err(|error| error.to_string())?;
         let bytes = read.map_err(|error| format!("{name}: {error}"))?;
-        let text = String::from_utf8(bytes).map_err(|_| format!("{name}: it is not valid UTF-8 text"))?;
+        let text = String::from_utf8(bytes).map_err(|_| format!("{name}: the file is not valid UTF-8 text"))?;
         Ok(RecipeText { name, text })
     }
 }
 
 /// Adds to a problem that the service must be restarted to use the recipe as it is now.
 fn again(problem: &str) -> String {
-    format!("{problem}; restart the service when the line is to run by the recipe as it is now")
+    format!("{problem}; restart the service if the line is to use the current recipe")
 }
 
 fn refused(reply: &Reply) -> Option<String> {

@@ -30,7 +30,7 @@ impl OfficeSender {
     /// If the system provides no thread.
     pub fn start(parts: OfficeParts) -> std::io::Result<Self> {
         let plan =
-            Plan { name: "office", what: "the way of records to the office", blocking: 2, stack_bytes: None };
+            Plan { name: "office", what: "the transfer of records to the office", blocking: 2, stack_bytes: None };
         Ok(OfficeSender { _background: Background::in_rounds(plan, move || Sender::new(&parts))? })
     }
 }

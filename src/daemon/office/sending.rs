@@ -92,7 +92,7 @@ impl Sender {
             let stream = link.stream().await.map_err(broken)?;
             self.progress.at_stream(&stream);
             self.files.clear();
-            tracing::info!("records go to the office by {}", self.office.broker.address);
+            tracing::info!("sending records to the office through the broker {}", self.office.broker.address);
             self.link = Some(link);
         }
         let Some(link) = &self.link else { return Ok(false) };
@@ -173,7 +173,8 @@ impl Sender {
                 OfficeSays::HasLess => {
                     self.files.clear();
                     tracing::warn!(
-                        "the office has no more than {archived} of epoch {}: the rest is sent again",
+                        "the office has only the records up to {archived} of epoch {}: the later records are sent \
+                         again",
                         last.epoch
                     );
                 }
@@ -235,7 +236,7 @@ impl Sender {
                     }
                     // The office does not wait for a file that is reported as lost.
                     Err(error) => {
-                        tracing::warn!("the office does not get {}: {error}", file.name);
+                        tracing::warn!("cannot send the file {} to the office: {error}", file.name);
                         file.gone = Some("damaged in the cell's store".to_owned());
                     }
                 }

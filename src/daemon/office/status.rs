@@ -5,7 +5,7 @@ use crate::office::RecipeOffer;
 use crate::verdict::Reason;
 use std::sync::{Arc, Mutex, PoisonError};
 
-const WORDS: (&str, &str) = ("records are not in the office", "the archive does not accept them");
+const WORDS: (&str, &str) = ("records have not reached the office", "the archive does not accept the records");
 
 /// The status; all clones share the same one.
 #[derive(Debug, Clone, Default)]
@@ -57,8 +57,8 @@ impl OfficeStatus {
         let mut reasons: Vec<Reason> = late.into_iter().map(|words| Reason::new("office_behind", words)).collect();
         for (epoch, office, store) in more {
             let words = format!(
-                "the office has {office} records of epoch {epoch}, the store of this cell {store}: the store was rolled back, or another \
-                 cell has the same name"
+                "the office has {office} records of epoch {epoch}, but the store of this cell has {store}: the \
+                 store was rolled back, or another cell has the same name"
             );
             reasons.push(Reason::new("office_contradicts", words));
         }
@@ -81,7 +81,7 @@ mod tests {
         assert!(
             late(&status)[0]
                 .message
-                .ends_with("has waited for 60 min (limit 60 min): the archive does not accept them")
+                .ends_with("has waited for 60 min (limit 60 min): the archive does not accept the records")
         );
         assert!(status.goes(Some("no route")) && !status.goes(Some("no route")), "told once");
         assert!(late(&status)[0].message.ends_with(": no route"));

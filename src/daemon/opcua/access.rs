@@ -132,7 +132,7 @@ impl Access {
     async fn keep(&self, line: AuditEntry) {
         let people = self.people.clone();
         if tokio::task::spawn_blocking(move || people.audit(&line)).await.is_err() {
-            tracing::warn!("a line of the audit trail is lost: its thread is gone");
+            tracing::warn!("an entry of the audit trail is lost: the thread that writes it has ended");
         }
     }
 }
@@ -143,7 +143,7 @@ fn from_any(addresses: &[IpAddr]) -> String {
         [one] => format!("OPC UA, {one}"),
         several => {
             let several: Vec<String> = several.iter().take(5).map(ToString::to_string).collect();
-            format!("OPC UA, one of {}", several.join(", "))
+            format!("OPC UA, from one of the addresses {}", several.join(", "))
         }
     }
 }
@@ -185,7 +185,7 @@ impl AuthManager for Access {
                 let line = AuditEntry { refused: Some(why.to_owned()), ..line(None) };
                 let people = self.people.clone();
                 if tokio::task::spawn_blocking(move || people.audit_failed_login(&line)).await.is_err() {
-                    tracing::warn!("a line of the audit trail is lost: its thread is gone");
+                    tracing::warn!("an entry of the audit trail is lost: the thread that writes it has ended");
                 }
                 (
                     StatusCode::BadUserAccessDenied,

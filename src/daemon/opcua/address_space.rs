@@ -46,7 +46,7 @@ fn objects() -> Vec<&'static str> {
 pub(super) fn build(space: &mut AddressSpace, namespace: u16) {
     let name = |name: &str| QualifiedName::new(namespace, name);
     ObjectBuilder::new(&node_id(namespace, ""), name(ROOT), ROOT)
-        .description(english("The robot cell, as the operator's page shows it."))
+        .description(english("The robot cell, with the data of the operator's page."))
         .event_notifier(EventNotifier::SUBSCRIBE_TO_EVENTS)
         .organized_by(ObjectId::ObjectsFolder)
         .has_type_definition(ObjectTypeId::BaseObjectType)
@@ -111,7 +111,7 @@ fn method(space: &mut AddressSpace, namespace: u16, method: &Method) {
     };
     let taken: Vec<Argument> =
         method.arguments.iter().map(|one| argument(one.name, kind(one.kind), one.meaning)).collect();
-    let told = argument("Message", DataTypeId::String, "What was done, if the state does not show it.");
+    let told = argument("Message", DataTypeId::String, "Result of the call, if the state does not contain it.");
     let mut builder = MethodBuilder::new(&id, QualifiedName::new(namespace, method.name), method.name)
         .description(english(method.meaning))
         .executable(true)

@@ -84,7 +84,7 @@ impl Calls {
     ) -> Outcome {
         let called = self.checked(method, arguments, caller, from);
         let outcome = timeout(CALL_TIMEOUT, called).await.unwrap_or_else(|_| {
-            refused("silent", StatusCode::BadTimeout, "the service did not answer in time; look at its state")
+            refused("silent", StatusCode::BadTimeout, "the service did not respond in time; check its state")
         });
         if let Outcome::Refused(_, reason) = &outcome {
             let user = caller.and_then(Caller::name).unwrap_or("a user who is not logged in").to_owned();
@@ -103,7 +103,7 @@ impl Calls {
         from: &str,
     ) -> Outcome {
         let Some(caller) = caller else {
-            let message = "the account was changed or disabled since; log in again";
+            let message = "the account was changed or disabled after the log-in; log in again";
             return refused("not_permitted", StatusCode::BadUserAccessDenied, message);
         };
         let is_urgent = matches!(method.command, Command::Stop | Command::Abort);
@@ -114,16 +114,16 @@ impl Calls {
                 flood.call(name, self.access.people().now_s())
             };
             if let Turn::TooMany { is_told } = turn {
-                let message = "too many calls in a row; wait a second (Stop and Abort always get through)";
+                let message = "too many calls in a short time; wait a second (Stop and Abort are always accepted)";
                 if is_told {
-                    self.keep(self.line(method, caller, from), Some("too many calls in a row")).await;
+                    self.keep(self.line(method, caller, from), Some("too many calls in a short time")).await;
                 }
                 return refused("busy", StatusCode::BadTooManyOperations, message);
             }
         }
         if !method.is_allowed(caller.role()) {
             let message = match caller.role() {
-                Some(role) => format!("the role {} may not do this", role.word()),
+                Some(role) => format!("the role {} has no permission for this call", role.word()),
                 None => "log in first".to_owned(),
             };
             self.keep(self.line(method, caller, from), Some(&message)).await;
@@ -235,7 +235,7 @@ impl Calls {
         let line = AuditEntry { refused: refused.map(str::to_owned), ..line };
         let people = self.access.people().clone();
         if tokio::task::spawn_blocking(move || people.audit(&line)).await.is_err() {
-            tracing::warn!("a line of the audit trail is lost: its thread is gone");
+            tracing::warn!("an entry of the audit trail is lost: the thread that writes it has ended");
         }
     }
 }
@@ -244,7 +244,11 @@ fn wrong_arguments(method: &Method) -> Outcome {
     let taken: Vec<&str> = method.arguments.iter().map(|argument| argument.name).collect();
     let message = match taken[..] {
         [] => format!("{} takes no arguments", method.name),
-        _ => format!("{} takes {}; a text has at most {MAX_CHARACTERS} characters", method.name, taken.join(", ")),
+        _ => format!(
+            "{} requires the arguments {}; a text has at most {MAX_CHARACTERS} characters",
+            method.name,
+            taken.join(", ")
+        ),
     };
     refused("bad_request", StatusCode::BadInvalidArgument, message)
 }

@@ -51,13 +51,13 @@ pub(super) fn prepare(folder: &Path, application_uri: &str, hosts: &[String]) ->
         (true, false) => {
             return Err(OpcUaError::file(
                 &key,
-                "is missing; put the key of own/cert.der there, or remove that file",
+                "the file is missing; put the key of own/cert.der there, or remove own/cert.der",
             ));
         }
         (false, true) => {
             return Err(OpcUaError::file(
                 &own,
-                "is missing; put the key's certificate there, or remove private/private.pem",
+                "the file is missing; put the certificate of the key there, or remove private/private.pem",
             ));
         }
     }
@@ -65,13 +65,13 @@ pub(super) fn prepare(folder: &Path, application_uri: &str, hosts: &[String]) ->
         crate::disk::read(file).map_err(|error| OpcUaError::file(file, error))?;
     }
     let private = CertificateStore::read_pkey(&key)
-        .map_err(|_| OpcUaError::file(&key, "it is no PEM private key (RSA, PKCS #8)"))?;
-    let certificate =
-        CertificateStore::read_cert(&own).map_err(|_| OpcUaError::file(&own, "it is no DER certificate"))?;
+        .map_err(|_| OpcUaError::file(&key, "the file is not a PEM private key (RSA, PKCS #8)"))?;
+    let certificate = CertificateStore::read_cert(&own)
+        .map_err(|_| OpcUaError::file(&own, "the file is not a DER certificate"))?;
     let public = certificate.public_key().map_err(|error| OpcUaError::file(&own, error))?;
     let belong_together = is_key_of(&private, &public).map_err(|problem| OpcUaError::file(&key, problem))?;
     if !belong_together {
-        return Err(OpcUaError::file(&key, "it is the key of another certificate than own/cert.der"));
+        return Err(OpcUaError::file(&key, "the key does not belong to the certificate own/cert.der"));
     }
     Ok(certificate.thumbprint().as_hex_string())
 }
@@ -79,7 +79,7 @@ pub(super) fn prepare(folder: &Path, application_uri: &str, hosts: &[String]) ->
 /// Returns whether the public key verifies a signature of the private key.
 fn is_key_of(private: &PrivateKey, public: &PublicKey) -> Result<bool, String> {
     if private.size() * 8 < KEY_BITS as usize {
-        return Err(format!("it has {} bits, and {KEY_BITS} are needed", private.size() * 8));
+        return Err(format!("the key has {} bits (minimum {KEY_BITS} bits)", private.size() * 8));
     }
     let mut signature = vec![0; private.size()];
     private.sign_sha256(b"probe", &mut signature).map_err(|error| error.to_string())?;
@@ -116,7 +116,7 @@ fn named(file: &Path, trusted: &Path) -> Option<String> {
     let certificate = read.and_then(|bytes| X509::from_der(&bytes).or_else(|_| X509::from_pem(&bytes)).ok());
     let Some(certificate) = certificate else {
         return Some(format!(
-            "{}: this is not a certificate, so no client is trusted because of it",
+            "{}: the file is not a certificate; no client is trusted by this file",
             file.display()
         ));
     };
@@ -129,7 +129,7 @@ fn named(file: &Path, trusted: &Path) -> Option<String> {
         fs::write(&name, der).and_then(|()| fs::remove_file(file)).map_err(|error| error.to_string())
     });
     Some(match placed {
-        Ok(()) => format!("{} is trusted, and called {} from now on", file.display(), name.display()),
+        Ok(()) => format!("{} is trusted now, and the file was renamed to {}", file.display(), name.display()),
         Err(problem) => format!("{}: {problem}", file.display()),
     })
 }
@@ -151,7 +151,7 @@ fn make((own, key): (&Path, &Path), application_uri: &str, hosts: &[String]) -> 
     let beside = tempfile::tempdir_in(folder).map_err(|error| OpcUaError::file(folder, error))?;
     let [new_own, new_key] = ["cert.der", "private.pem"].map(|name| beside.path().join(name));
     CertificateStore::create_certificate_and_key(&data, false, &new_own, &new_key)
-        .map_err(|problem| OpcUaError::file(own, format!("no certificate could be made: {problem}")))?;
+        .map_err(|problem| OpcUaError::file(own, format!("cannot create a certificate: {problem}")))?;
     let placed = fs::set_permissions(&new_key, Permissions::from_mode(0o600))
         .and_then(|()| fs::rename(&new_key, key))
         .and_then(|()| fs::rename(&new_own, own));
@@ -197,7 +197,7 @@ pub(super) fn words(file: &Path) -> String {
         format!("{subject}, SHA-1 {}", certificate.thumbprint().as_hex_string())
     };
     CertificateStore::read_cert(file)
-        .map_or_else(|_| "a file that is no certificate".to_owned(), |found| name(&found))
+        .map_or_else(|_| "a file that is not a certificate".to_owned(), |found| name(&found))
 }
 
 #[cfg(test)]
@@ -225,7 +225,7 @@ mod tests {
         );
         fs::write(folder.path().join(KEY), "no key").expect("written");
         let error = of().expect_err("refused").to_string();
-        assert!(error.contains("private.pem") && error.contains("no PEM private key"), "{error}");
+        assert!(error.contains("private.pem") && error.contains("not a PEM private key"), "{error}");
         fs::remove_file(folder.path().join(KEY)).expect("removed");
         let error = of().expect_err("refused").to_string();
         assert!(
@@ -243,7 +243,7 @@ mod tests {
         let [from, to] = [&folders[0], &folders[1]].map(|folder| folder.path().join(KEY));
         fs::copy(from, to).expect("copied");
         let error = of(&folders[1]).expect_err("refused").to_string();
-        assert!(error.contains("private.pem: it is the key of another certificate than own/cert.der"), "{error}");
+        assert!(error.contains("private.pem: the key does not belong to the certificate own/cert.der"), "{error}");
     }
 
     /// A certificate with any name is renamed correctly; a file that is not a certificate is reported once.
@@ -259,8 +259,8 @@ mod tests {
         results.sort();
         let [line, notes] = &results[..] else { panic!("{results:?}") };
         assert!(
-            line.contains("line.crt is trusted, and called ")
-                && notes.contains("notes.txt: this is not a certificate")
+            line.contains("line.crt is trusted now, and the file was renamed to ")
+                && notes.contains("notes.txt: the file is not a certificate")
         );
         let certificate = CertificateStore::read_cert(&folder.path().join(OWN)).expect("a certificate");
         let named = trusted.join(CertificateStore::cert_file_name(&certificate));

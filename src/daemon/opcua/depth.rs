@@ -83,7 +83,7 @@ impl Reader {
         });
         match read {
             Ok(accounts) => self.access.learn(&accounts),
-            Err(error) => tracing::warn!("the OPC UA server shows old values: {error}"),
+            Err(error) => tracing::warn!("the OPC UA server continues with old values: {error}"),
         }
         if self.files_read.is_none_or(|at| at.elapsed() >= FILE_POLL_INTERVAL) {
             self.files_read = Some(Instant::now());
@@ -116,12 +116,12 @@ impl Reader {
         for file in new.iter().take(MAX_LOGGED) {
             let words = certificates::words(file);
             let todo = format!(
-                "unknown certificate; to trust it, move it from {} to {} in {}",
+                "unknown certificate; to trust the client, move the certificate from {} to {} in {}",
                 certificates::REJECTED,
                 certificates::TRUSTED,
                 self.folder.display()
             );
-            tracing::warn!("OPC UA client turned away: {words}: {todo}");
+            tracing::warn!("OPC UA client rejected: {words}: {todo}");
             self.audit_refusal(Some(words), todo);
         }
         if new.len() > MAX_LOGGED {
@@ -129,7 +129,7 @@ impl Reader {
         }
         let turned_away = self.door.turned_away();
         if turned_away > 0 {
-            self.audit_refusal(None, format!("{turned_away} connections too many"));
+            self.audit_refusal(None, format!("{turned_away} connections rejected: too many connections"));
         }
     }
 

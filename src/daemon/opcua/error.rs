@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 /// A certificate's file or folder cannot be used.
 #[derive(Debug, thiserror::Error)]
-#[error("its certificates: {}: {problem}; [opcua] certificates names the folder", file.display())]
+#[error("certificate file {}: {problem}; [opcua] certificates sets the folder", file.display())]
 pub struct OpcUaError {
     /// Which.
     pub file: PathBuf,

@@ -118,7 +118,7 @@ impl Follower {
         }
         let subscriptions: &SubscriptionCache = self.handle.subscriptions();
         if let Err(status) = self.nodes.set_values(subscriptions, changed.into_iter()) {
-            tracing::warn!("the OPC UA server could not set its values: {status}");
+            tracing::warn!("cannot update the values of the OPC UA server: {status}");
         }
     }
 }

@@ -69,11 +69,11 @@ async fn run((parts, address): (&OpcUaParts, SocketAddr), ended: &mut oneshot::R
     let alarms = &parts.front.alarms;
     loop {
         let problem = tokio::select! {
-            served = serve_once(parts, address) => served.err().unwrap_or_else(|| "it ended without a reported cause".to_owned()),
+            served = serve_once(parts, address) => served.err().unwrap_or_else(|| "the server ended without a reported cause".to_owned()),
             _ = &mut *ended => return,
         };
         if alarms.trouble(NAME, Some(&problem)) {
-            tracing::warn!("{NAME}: {problem}; it is tried again every second");
+            tracing::warn!("{NAME}: {problem}; retrying every second");
         }
         tokio::select! {
             () = sleep(RESTART_DELAY) => {}
@@ -109,9 +109,9 @@ fn build(parts: &OpcUaParts, address: SocketAddr) -> Result<Built, String> {
         .with_authenticator(access.clone())
         .build()?;
     let nodes = handle.node_managers().get_of_type::<InMemoryNodeManager<CellNodes>>();
-    let nodes = nodes.ok_or_else(|| "its nodes are missing".to_owned())?;
+    let nodes = nodes.ok_or_else(|| "internal fault: the nodes of the cell are missing".to_owned())?;
     let core = handle.node_managers().get_of_type::<InMemoryNodeManager<CoreNodes>>();
-    let core = core.ok_or_else(|| "its own nodes are missing".to_owned())?;
+    let core = core.ok_or_else(|| "internal fault: the standard nodes of the server are missing".to_owned())?;
     conditions.is_in(nodes.inner().namespace);
     Ok(Built { server, handle, nodes, core, conditions, access, door })
 }
@@ -122,7 +122,7 @@ async fn serve_once(parts: &OpcUaParts, address: SocketAddr) -> Result<(), Strin
     let thumbprint = certificates::prepare(&parts.settings.certificates, &uri, &hosts);
     let thumbprint = thumbprint.map_err(|error| error.to_string())?;
     let listener = TcpListener::bind(address).await;
-    let listener = listener.map_err(|error| format!("{address} cannot be had: {error}"))?;
+    let listener = listener.map_err(|error| format!("cannot listen at {address}: {error}"))?;
     let failed = |error: std::io::Error| error.to_string();
     let behind = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).await.map_err(failed)?;
     let behind_address = behind.local_addr().map_err(failed)?;

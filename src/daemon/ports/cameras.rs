@@ -63,7 +63,10 @@ pub struct CameraFault {
 impl CameraFault {
     /// Returns the error for an answer to a different command; no port gives such an answer.
     fn mismatch<T>() -> Result<T, Self> {
-        Err(CameraFault { camera: "a camera", why: "its answer does not match the request".to_owned() })
+        Err(CameraFault {
+            camera: "a camera",
+            why: "internal fault: the response does not match the request".to_owned(),
+        })
     }
 }
 
@@ -132,7 +135,7 @@ impl Port<CameraCommand> for NoCameras {
     fn perform(&mut self, command: CameraCommand) -> Result<CameraAnswer, CameraFault> {
         match command {
             CameraCommand::Check => Ok(CameraAnswer::Checked(vec![])),
-            _ => Err(CameraFault { camera: "the camera", why: "this command takes no pictures".to_owned() }),
+            _ => Err(CameraFault { camera: "the camera", why: "this command takes no picture".to_owned() }),
         }
     }
 }

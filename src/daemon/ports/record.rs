@@ -144,7 +144,7 @@ pub struct RecordError(pub Box<dyn std::error::Error + Send + Sync>);
 impl RecordError {
     /// Returns the error for an answer to a different command; no port gives such an answer.
     fn mismatch<T>() -> Result<T, Self> {
-        Err(RecordError("its answer does not match the request".into()))
+        Err(RecordError("internal fault: the response does not match the request".into()))
     }
 }
 

@@ -167,8 +167,8 @@ impl LinkedRobot {
                 self.virtual_now = Time::at_ms(u64::from(state.time_ms));
                 if let Some(follower) = &self.follower {
                     if !Follower::may_follow(state) {
-                        let problem =
-                            "the cameras are simulated, but this is not a mock controller; nothing is sent to it";
+                        let problem = "the cameras are simulated, but the controller is not a mock controller; no \
+                                       command is sent to it";
                         let (channel, problem) = (Channel::State, problem.to_owned());
                         return Ok(Some(Report::LinkLost { why: LinkLoss::System { channel, problem } }));
                     }

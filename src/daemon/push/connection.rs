@@ -39,7 +39,8 @@ impl Connection {
     pub fn new(push: &Push) -> Result<Self, String> {
         let token = push.token_file.as_deref().map(trust::secret).transpose().map_err(|error| error.to_string())?;
         let authorization = token.map(|token| HeaderValue::try_from(format!("Bearer {token}"))).transpose();
-        let authorization = authorization.map_err(|_| "the token has signs that HTTP does not allow".to_owned())?;
+        let authorization = authorization
+            .map_err(|_| "the token contains characters that are not valid in an HTTP header".to_owned())?;
         let config = push.ca_certificate.as_deref().map(|file| trust::client_config(file, None)).transpose();
         let config = config.map_err(|error| error.to_string())?;
         let tls = config.map(|config| TlsConnector::from(Arc::new(config)));
@@ -73,7 +74,7 @@ impl Connection {
             let name = ServerName::try_from(host.clone()).map_err(|error| error.to_string())?;
             begin(tls.connect(name, stream).await.map_err(|error| error.to_string())?).await
         };
-        let late = |_| format!("it does not answer within {} s", CONNECT_TIMEOUT.as_secs());
+        let late = |_| format!("the server did not respond within {} s", CONNECT_TIMEOUT.as_secs());
         timeout(CONNECT_TIMEOUT, connecting).await.map_err(late)?
     }
 
@@ -110,14 +111,17 @@ impl Connection {
             return Ok(());
         }
         let colon = if words.is_empty() { "" } else { ": " };
-        Err(format!("{}/{name}: the server answers {status}{colon}{words}", self.to))
+        Err(format!("{}/{name}: the server responded {status}{colon}{words}", self.to))
     }
 }
 
 async fn begin(stream: impl AsyncRead + AsyncWrite + Send + Unpin + 'static) -> Result<SendRequest<Body>, String> {
     let (sender, connection) = handshake(TokioIo::new(stream)).await.map_err(|error| error.to_string())?;
     tokio::spawn(async move {
-        #[expect(clippy::let_underscore_must_use, reason = "the request that it was for tells how it ended")]
+        #[expect(
+            clippy::let_underscore_must_use,
+            reason = "the request on this connection reports how the connection ended"
+        )]
         let _ = connection.await;
     });
     Ok(sender)
@@ -128,7 +132,8 @@ async fn read_response(response: Response<hyper::body::Incoming>) -> (StatusCode
     let status = response.status();
     if status.is_redirection() {
         let place = response.headers().get(LOCATION).and_then(|place| place.to_str().ok()).unwrap_or("nowhere");
-        let words = format!("it redirects us to {place}; write the address that accepts records into [push] to");
+        let words =
+            format!("the server redirects to {place}; write the address that accepts records into [push] to");
         return (status, words.chars().filter(|c| !c.is_control()).collect());
     }
     let bytes = to_bytes(Body::new(response.into_body()), MAX_BYTES).await.unwrap_or_default();

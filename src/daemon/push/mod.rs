@@ -31,7 +31,7 @@ impl PushSender {
     pub fn start(parts: PushParts) -> std::io::Result<Self> {
         let plan = Plan {
             name: "push",
-            what: "the way of signed records to the quality system",
+            what: "the transfer of signed records to the quality system",
             blocking: 2,
             stack_bytes: None,
         };

@@ -154,7 +154,8 @@ impl Sender {
         let last = store.signature_after(number - 1).map_err(|error| error.to_string())?;
         if last.is_none_or(|(row, _)| row.number != *number || row.record_hash != *record_hash) {
             tracing::warn!(
-                "the store has another record under the number {number} than was put last: all are put again"
+                "record number {number} in the store differs from the record that was sent last: all records are \
+                 sent again"
             );
             self.progress = Progress { to: self.progress.to.clone(), ..Progress::default() };
         }
@@ -168,7 +169,7 @@ impl Sender {
             let (records, cycle) = (self.records.clone(), row.cycle);
             let made = tokio::task::spawn_blocking(move || records.pdf(cycle)).await;
             let made = made.map_err(|error| error.to_string())?.unwrap_or_else(|problem| {
-                tracing::warn!("the quality system gets no page of cycle {cycle}: {problem}");
+                tracing::warn!("cannot send the page of cycle {cycle} to the quality system: {problem}");
                 None
             });
             self.page = Some((row.number, made.map_or(vec![], |made| page_files(cycle, made))));
@@ -190,10 +191,7 @@ impl Sender {
                 match store.blob(&hash) {
                     Ok(bytes) => return Ok(Some(File { name, kind: BYTES, bytes: bytes.into() })),
                     Err(error) => {
-                        tracing::warn!(
-                            "the quality system does not receive {what} of cycle {}: {error}",
-                            row.cycle
-                        );
+                        tracing::warn!("cannot send {what} of cycle {} to the quality system: {error}", row.cycle);
                         self.put.insert(name);
                     }
                 }

@@ -4,7 +4,7 @@ use crate::daemon::waiting::Waiting;
 use crate::verdict::Reason;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-const WORDS: (&str, &str) = ("signed records are not in the quality system", "they are on their way");
+const WORDS: (&str, &str) = ("signed records have not reached the quality system", "the transfer is in progress");
 
 /// The status; all clones share the same one.
 #[derive(Debug, Clone, Default)]
@@ -33,8 +33,8 @@ mod tests {
         assert_eq!(status.reasons(60, 60 * 60_000), []);
         let late = |status: &PushStatus| status.reasons(60, 61 * 60_000).pop().map(|reason| reason.message);
         let words =
-            "2 signed records are not in the quality system; the oldest has waited for 60 min (limit 60 min)";
-        assert_eq!(late(&status), Some(format!("{words}: they are on their way")));
+            "2 signed records have not reached the quality system; the oldest has waited for 60 min (limit 60 min)";
+        assert_eq!(late(&status), Some(format!("{words}: the transfer is in progress")));
         assert!(status.waiting().goes(Some("no route")));
         assert!(!status.waiting().goes(Some("no route")), "told once");
         assert_eq!(late(&status), Some(format!("{words}: no route")));

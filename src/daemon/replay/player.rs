@@ -87,7 +87,7 @@ impl<'a> Player<'a> {
     pub fn played(&self) -> Played {
         let mut playback = self.lock();
         if !playback.parted && playback.peek(false).is_some() {
-            playback.part("the loop has left");
+            playback.part("the loop has ended");
         }
         playback.leave_film(true);
         // A remaining camera call whose work had its result before the end is a difference: the loop no longer makes

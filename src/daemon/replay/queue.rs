@@ -156,7 +156,7 @@ impl Recording {
             if !bounds.waits
                 && let Err(error) = rustix::process::setpriority_process(None, NICE)
             {
-                tracing::warn!("recording runs at the loop's priority: {error}");
+                tracing::warn!("cannot lower the priority of the recording thread: {error}");
             }
             let mut ends = Ends { shared: shared.clone(), panics: true };
             if let Err(error) = open().and_then(|writer| shared.write_all(writer, &mut room)) {
@@ -207,7 +207,7 @@ impl Drop for Ends {
         let mut inside = self.shared.lock();
         inside.ended = true;
         if self.panics {
-            inside.stop("the thread that writes it has ended; see the log".to_owned());
+            inside.stop("the recording thread has ended; see the log".to_owned());
         }
         drop(inside);
         self.shared.changed.notify_all();
@@ -275,7 +275,10 @@ impl Recorder {
             let (guard, waited) = waited.unwrap_or_else(PoisonError::into_inner);
             inside = guard;
             if waited.timed_out() {
-                inside.stop(format!("its disk accepted nothing for {} s", bounds.hangs_at_the_end.as_secs_f64()));
+                inside.stop(format!(
+                    "the disk of the recording accepted no data for {} s",
+                    bounds.hangs_at_the_end.as_secs_f64()
+                ));
                 return false;
             }
         }
@@ -288,7 +291,7 @@ impl Recorder {
         let Inside { entries, lost, stopped, .. } = &*inside;
         let gap = || {
             let lost = lost.iter().map(|lost| format!("{} of {}", lost.count, lost.topic.name()));
-            format!("it has a gap; not recorded: {}", lost.collect::<Vec<_>>().join(", "))
+            format!("the recording has a gap; not recorded: {}", lost.collect::<Vec<_>>().join(", "))
         };
         let (file, trouble) = (file.to_owned(), stopped.clone().or_else(|| (!lost.is_empty()).then(gap)));
         match trouble {
@@ -317,7 +320,7 @@ impl Inside {
     /// Stops the recording; a thread that waits for space in the queue continues.
     fn stop(&mut self, why: String) {
         if self.stopped.is_none() {
-            tracing::warn!("the recording ends: {why}");
+            tracing::warn!("the recording stops: {why}");
             self.stopped = Some(why);
         }
         self.waiting.clear();
@@ -402,7 +405,7 @@ fn size_of(value: &Value) -> usize {
 
 /// Returns why nothing is recorded on a disk with this free space.
 pub fn disk_full_message(free_mb: u64) -> String {
-    format!("its disk has {free_mb} MB left, and a recording ends below {RECORDING_FLOOR_MB} MB; make room")
+    format!("the disk of the recording has {free_mb} MB free (minimum {RECORDING_FLOOR_MB} MB); free some space")
 }
 
 fn disk(error: std::io::Error) -> TapeError {

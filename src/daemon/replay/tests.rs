@@ -120,7 +120,9 @@ fn by_the_wall_clock_nobody_waits_and_a_full_queue_is_a_gap() {
     };
     assert_eq!((written.is, written.entries + count), (RecordingStatus::NotWhole, 200));
     assert!(
-        written.message.contains(&format!("a.mcap cannot be replayed: it has a gap; not recorded: {count} of"))
+        written
+            .message
+            .contains(&format!("a.mcap cannot be replayed: the recording has a gap; not recorded: {count} of"))
     );
 }
 
@@ -168,7 +170,7 @@ fn a_disk_that_hangs_at_the_end_is_left() {
     let written = recording.finish();
     assert!(
         written.is == RecordingStatus::NotWhole
-            && written.message.ends_with("its disk accepted nothing for 0.05 s"),
+            && written.message.ends_with("the disk of the recording accepted no data for 0.05 s"),
         "{written:?}"
     );
     drop(go);
@@ -181,7 +183,7 @@ fn below_the_floor_the_recording_ends_with_its_reason() {
     let recording = recording(begun(&disk), true, || RECORDING_FLOOR_MB - 1);
     put_pictures(&recording.recorder(), 2_000);
     let written = recording.finish();
-    let words = "its disk has 1999 MB left, and a recording ends below 2000 MB; make room";
+    let words = "the disk of the recording has 1999 MB free (minimum 2000 MB); free some space";
     assert!(written.is == RecordingStatus::NotWhole && written.message.ends_with(words), "{written:?}");
     let error = check(&disk.bytes()[..]).expect_err("stopped");
     assert!(matches!(error, TapeError::Stopped { .. }) && error.to_string().ends_with(words), "{error}");

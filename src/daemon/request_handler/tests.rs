@@ -104,14 +104,14 @@ fn a_decision_is_good_for_the_step_that_was_shown() {
     assert_eq!((&*reasons[0].code, reply.step), ("outdated", Some(11)));
     assert_eq!(
         reasons[0].message,
-        "accept was decided upon step 7: held, plan (review); the cell is at step 11: held, assess (review); read it and decide again"
+        "accept was decided on step 7 (held, plan (review)), but the cell is now at step 11 (held, assess (review)); read the state and decide again"
     );
     // A decision on a step from before the start of this service is refused in the same way.
     for request in [cycle::Request::Clear, cycle::Request::Unhold { dried: true }] {
         let mut stale = send(&sender, 8, RequestKind::Decided { request, step: 2 });
         assert!(matches!(next(&mut handler, &second), Some(RequestKind::Outdated { .. })));
         let reply = stale.try_recv().expect("answered");
-        assert!(reply.reasons[0].message.contains("did not see"), "{reply:?}");
+        assert!(reply.reasons[0].message.contains("a state unknown to this service"), "{reply:?}");
     }
     let _waits = send(&sender, 8, accept(shown(&second, &mut handler)));
     assert_eq!(asked(&mut handler, &second), Some(cycle::Request::Accept));

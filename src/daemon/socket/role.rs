@@ -42,8 +42,8 @@ impl Rule {
         }
         let may: Vec<&str> = Role::allowed(needed).map(Role::word).collect();
         let message = format!(
-            "\"{}\" is not allowed here: the socket's users have the role {}, as socket_role in the cell's file \
-             states; allowed for: {}",
+            "\"{}\" is not permitted through the socket: its users have the role {} (socket_role in the cell's \
+             file); permitted roles: {}",
             what.words(),
             role.word(),
             may.join(", ")
@@ -137,7 +137,7 @@ mod tests {
         );
         let told = refusal(Some(Role::Viewer), &who(1_001), &RequestKind::Table(Request::Hold)).expect("refused");
         assert!(
-            told.code == "not_permitted" && told.message.contains("allowed for: operator, engineer"),
+            told.code == "not_permitted" && told.message.contains("permitted roles: operator, engineer"),
             "{told:?}"
         );
         assert_eq!(Role::VARIANTS.len(), 6);

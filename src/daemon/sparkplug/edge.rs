@@ -76,7 +76,10 @@ async fn run((node, front): (&SparkplugNode, &InterfaceContext), leave: &mut one
         match ended {
             Ended::Leaves => return,
             Ended::HostOffline => {
-                tracing::info!("MQTT Sparkplug: the primary host is offline; {} is left", session.address);
+                tracing::info!(
+                    "MQTT Sparkplug: the primary host is offline; disconnecting from {}",
+                    session.address
+                );
             }
             Ended::Lost(why) => session.fails(&why),
         }

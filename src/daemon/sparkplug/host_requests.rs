@@ -37,7 +37,10 @@ impl Asking {
         // The role that the cell's file gives to all hosts; it is not known which host made this request.
         let role = refused.is_none().then_some(Role::Operator);
         let entry = AuditEntry { subject, refused, ..AuditEntry::done(None, role, self.from.clone(), &what) };
-        #[expect(clippy::let_underscore_must_use, reason = "a line that cannot be stored is in the service's log")]
+        #[expect(
+            clippy::let_underscore_must_use,
+            reason = "an entry that cannot be stored is written to the service's log"
+        )]
         let _ = tokio::task::spawn_blocking(move || self.people.audit(&entry)).await;
     }
 }

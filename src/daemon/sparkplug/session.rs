@@ -55,7 +55,7 @@ impl Parts {
     pub fn fails(&self, why: &str) {
         let problem = format!("no connection to {}: {why}", self.address);
         if self.alarms.trouble(NAME, Some(&problem)) {
-            tracing::warn!("{NAME}: {problem}; it is tried again");
+            tracing::warn!("{NAME}: {problem}; retrying");
         }
     }
 
@@ -153,7 +153,9 @@ impl Session<'_> {
             rumqttc::Event::Incoming(Packet::SubAck(ack)) => {
                 if ack.return_codes.contains(&SubscribeReasonCode::Failure) {
                     let topics = self.node.subscriptions().join(" and ");
-                    return Some(Ended::Lost(format!("the broker does not let the cell subscribe to {topics}")));
+                    return Some(Ended::Lost(format!(
+                        "the broker refuses the subscription to {topics}; check the permissions of its user"
+                    )));
                 }
                 let was_open = self.open_subscriptions > 0;
                 self.open_subscriptions = self.open_subscriptions.saturating_sub(1);
@@ -180,7 +182,7 @@ impl Session<'_> {
                 NodeAction::Publish(message) => {
                     let sent = self.client.try_publish(message.topic, quality(message.qos), false, message.payload);
                     if sent.is_err() {
-                        return Some(Ended::Lost("the broker accepts no messages".to_owned()));
+                        return Some(Ended::Lost("a message could not be sent to the broker".to_owned()));
                     }
                 }
                 // The connection never waits for the loop or the disk; the number of these tasks is limited.
@@ -207,7 +209,10 @@ impl Session<'_> {
                 }
             }
         };
-        #[expect(clippy::let_underscore_must_use, reason = "a broker that takes nothing tells the death itself")]
+        #[expect(
+            clippy::let_underscore_must_use,
+            reason = "a broker that accepts no message publishes the death certificate itself"
+        )]
         let _ = timeout(DISCONNECT_TIMEOUT, sent).await;
     }
 }
@@ -216,19 +221,19 @@ fn words(error: &ConnectionError) -> String {
     match error {
         ConnectionError::ConnectionRefused(code) => match code {
             ConnectReturnCode::BadUserNamePassword | ConnectReturnCode::NotAuthorized => {
-                "the broker refuses the user or the password; see [sparkplug] user and password_file".to_owned()
+                "the broker refuses the user or the password; check [sparkplug] user and password_file".to_owned()
             }
-            ConnectReturnCode::BadClientId => "the broker refuses the client's name".to_owned(),
-            ConnectReturnCode::RefusedProtocolVersion => "the broker does not speak MQTT 3.1.1".to_owned(),
+            ConnectReturnCode::BadClientId => "the broker refuses the client ID".to_owned(),
+            ConnectReturnCode::RefusedProtocolVersion => "the broker does not support MQTT 3.1.1".to_owned(),
             _ => "the broker is not available".to_owned(),
         },
-        ConnectionError::NetworkTimeout => format!("no answer within {CONNECT_TIMEOUT_S} s"),
+        ConnectionError::NetworkTimeout => format!("no response within {CONNECT_TIMEOUT_S} s"),
         other => {
             let words = other.to_string();
             let advice = if words.contains("UnknownIssuer") {
-                "; the file at ca_certificate does not hold the authority that has signed the broker's certificate"
+                "; the file at ca_certificate does not contain the authority that signed the broker's certificate"
             } else if words.contains("Promised boundary crossed") || words.contains("reset by peer") {
-                "; it may speak another protocol there, or MQTT over TLS, which ca_certificate switches on"
+                "; the broker may use another protocol at this port, or MQTT over TLS: set ca_certificate for TLS"
             } else if words.contains("closed by peer abruptly") {
                 "; another client may have the same group_id and edge_node_id"
             } else {

@@ -137,7 +137,7 @@ fn a_broker_that_refuses_is_told_in_words() {
         stream.write_all(&[0x90, 3, 0, 1, 0x80]).expect("sent");
         let _ = stream.read(&mut [0; 4_096]);
     });
-    assert!(why.contains("does not let the cell subscribe to spBv1.0/G/NCMD/cell"), "{why}");
+    assert!(why.contains("refuses the subscription to spBv1.0/G/NCMD/cell"), "{why}");
 }
 
 /// A stop is executed at once, a retained stop is not; and a topic that was not subscribed has no effect.

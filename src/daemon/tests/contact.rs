@@ -85,7 +85,7 @@ fn a_feedback_that_goes_off_in_contact_holds() {
 #[test]
 fn a_feedback_that_never_comes_is_named() {
     for (bit, name, asked) in
-        [(4, "light_on", "the light is on"), (2, "extraction_flow", "the extraction draws air")]
+        [(4, "light_on", "the light is on"), (2, "extraction_flow", "the dust extraction is on")]
     {
         let story = Fake::new(Scene::Good).whose_feedback_is_dead(bit, 0).run(Asks::one_cycle());
         assert_eq!(story.outcome.verdict, Some(Verdict::Aborted), "{story}");

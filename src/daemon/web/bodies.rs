@@ -25,7 +25,7 @@ fn limited(body: Body, until: Instant) -> Body {
         match timeout_at(until, body.next()).await {
             Ok(part) => part.map(|part| (part, Some(body))),
             Err(_) => {
-                let late = Error::new(ErrorKind::TimedOut, "the request's body did not come in time");
+                let late = Error::new(ErrorKind::TimedOut, "the request body was not received in time");
                 Some((Err(axum::Error::new(late)), None))
             }
         }

@@ -127,7 +127,7 @@ pub(super) async fn capture(
 
 fn taken(web: &Web, at: usize) -> Result<(), Reason> {
     let cameras = web.front.gateway.cameras.as_ref();
-    let message = "the service has not opened its cameras yet; check the state";
+    let message = "the service has not opened its cameras yet; check the state of the service";
     let cameras = cameras.ok_or_else(|| Reason::new("not_now", message))?;
     let taken = cameras.capture(EYES[at].2)?;
     let jpeg = encoded(&taken.picture).map_err(|problem| Reason::new("camera", problem))?;

@@ -8,7 +8,8 @@ use std::path::{Path, PathBuf};
 pub enum PageError {
     /// The address.
     #[error(
-        "{address}: the operator's page cannot be served here: {source}; name another address or port at [page] listen"
+        "{address}: cannot serve the operator's page at this address: {source}; set another address or port at \
+         [page] listen"
     )]
     Listen {
         /// The address that the cell's file states.
@@ -20,7 +21,7 @@ pub enum PageError {
     #[error("the operator's page: {0}; check the files that [page] in the cell's file names")]
     File(#[from] PageFileError),
     /// The system could not start a thread.
-    #[error("the operator's page has no thread: {0}")]
+    #[error("cannot start the thread of the operator's page: {0}")]
     Thread(std::io::Error),
 }
 

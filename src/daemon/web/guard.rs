@@ -106,10 +106,14 @@ fn foreign(headers: &HeaderMap, visitor: &Visitor, access: Access) -> Option<Res
         (None, None) => false,
     };
     if !is_same {
-        return Some(refusal(StatusCode::FORBIDDEN, "origin", "the request does not come from this page"));
+        return Some(refusal(StatusCode::FORBIDDEN, "origin", "the request was not sent from the operator's page"));
     }
     if text("content-type").is_none_or(|kind| !kind.starts_with("application/json")) {
-        return Some(refusal(StatusCode::UNSUPPORTED_MEDIA_TYPE, "content_type", "a change is sent as JSON"));
+        return Some(refusal(
+            StatusCode::UNSUPPORTED_MEDIA_TYPE,
+            "content_type",
+            "a change must be sent as JSON (content type application/json)",
+        ));
     }
     // A request that needs no session needs no session token either: a stop from a page with an ended session is
     // still executed.
@@ -135,7 +139,7 @@ async fn refused(web: &Arc<Web>, visitor: Visitor, path: String, is_change: bool
             .into_response(),
         };
     };
-    let message = format!("the role {} may not do this", person.role.word());
+    let message = format!("the role {} has no permission for this request", person.role.word());
     let told = format!("{} ({})", words.word("refused.role"), words.word(role_key(person.role)));
     let (web, mut line) = (web.clone(), entry(&visitor, if is_change { "request" } else { "look" }));
     (line.subject, line.refused) = (Some(path), Some(message));
@@ -144,7 +148,7 @@ async fn refused(web: &Arc<Web>, visitor: Visitor, path: String, is_change: bool
 }
 
 pub(super) async fn not_found() -> Response {
-    refusal(StatusCode::NOT_FOUND, "not_found", "there is no such page")
+    refusal(StatusCode::NOT_FOUND, "not_found", "there is no page at this address")
 }
 
 /// Returns whether a person goes to a page with this request, who needs Stop and the navigation also beside an error.
@@ -158,7 +162,11 @@ pub(super) async fn headers(State(web): State<Arc<Web>>, request: Request<Body>,
     if let Some(hosts) = &web.hosts {
         let host = request.headers().get(header::HOST).and_then(|host| host.to_str().ok());
         if !host.is_some_and(|host| hosts.iter().any(|own| own == host)) {
-            return refusal(StatusCode::MISDIRECTED_REQUEST, "host", "this page has another name");
+            return refusal(
+                StatusCode::MISDIRECTED_REQUEST,
+                "host",
+                "the host name of the request is not valid for this page; open the page as localhost or 127.0.0.1",
+            );
         }
     }
     let is_asset = request.uri().path().starts_with("/assets/");

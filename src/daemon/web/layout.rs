@@ -133,7 +133,7 @@ pub(super) fn local(unix_ms: i64) -> Markup {
 
 /// Returns a page that reports an error in making the requested page.
 pub(super) fn failed(visitor: &Visitor, error: &dyn std::fmt::Display) -> Response {
-    tracing::warn!("the page could not be made: {error}");
+    tracing::warn!("the page could not be built: {error}");
     let words = visitor.language();
     let body = html! { section.card { h2 { (words.word("failed")) } p { (error.to_string()) } } };
     let title = words.word("failed");

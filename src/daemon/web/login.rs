@@ -88,7 +88,11 @@ pub(super) async fn log_in(
 /// Begins a session under a new token, whatever token the browser had before.
 fn begin(web: &Web, visitor: &Visitor, account: Account) -> Response {
     let (Ok(token), Ok(csrf)) = (random::token(), random::token()) else {
-        return refusal(StatusCode::SERVICE_UNAVAILABLE, "random", "this computer has no random numbers yet");
+        return refusal(
+            StatusCode::SERVICE_UNAVAILABLE,
+            "random",
+            "the computer's random number generator is not ready yet; try again",
+        );
     };
     let (token, lasts) = match account.role {
         Role::Display => (display_token(&account), "; Max-Age=31536000"),

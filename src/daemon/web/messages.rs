@@ -83,7 +83,9 @@ mod tests {
         let page = |words| explained(words, "shift_limit", &["moved 80 mm, allowed < 60 mm"]).into_string();
         let at = |page: &str, text: &str| page.find(text).unwrap_or_else(|| panic!("{text}: {page}"));
         let (english, german) = (page(english), page(german));
-        assert!(at(&english, "moved 80 mm, allowed &lt; 60 mm") < at(&english, "farther from its nominal place"));
+        assert!(
+            at(&english, "moved 80 mm, allowed &lt; 60 mm") < at(&english, "farther from its nominal position")
+        );
         assert!(
             at(&german, "Abhilfe") < at(&german, "moved 80 mm") && german.contains("<code lang=\"en\">[locate]")
         );

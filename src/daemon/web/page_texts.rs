@@ -85,7 +85,7 @@ impl Words {
             let key = fields.next().unwrap_or_default();
             let row: Vec<String> = fields.collect();
             if row.iter().any(|word| word.trim().is_empty()) {
-                return Err(WordsError { line, problem: format!("the key {key} has no word in one language") });
+                return Err(WordsError { line, problem: format!("the key {key} has no text in one language") });
             }
             if table.insert(key.clone(), row).is_some() {
                 return Err(WordsError { line, problem: format!("the key {key} appears twice") });
@@ -194,7 +194,7 @@ mod tests {
     fn a_table_that_is_not_whole_is_refused() {
         let problem = |text: &str| Words::parsed(text).expect_err("refused").to_string();
         assert_eq!(problem("key,en\na,b\na,c\n"), "line 3: the key a appears twice");
-        assert_eq!(problem("key,en,de\na,b,\n"), "line 2: the key a has no word in one language");
+        assert_eq!(problem("key,en,de\na,b,\n"), "line 2: the key a has no text in one language");
         assert!(problem("key,en\na,b,c\n").contains("line: 2"));
     }
 }

@@ -126,7 +126,8 @@ fn kept(web: &Web, line: AuditEntry, changed: Changed, exists: String) -> Result
     let account = account(&changed, former)?;
     if leaves_nobody(&accounts, &account) {
         return Err(
-            "this account is the last that may change accounts; make another administrator first".to_owned()
+            "this account is the last enabled account that may manage accounts; create another administrator first"
+                .to_owned(),
         );
     }
     let line = AuditEntry {

@@ -28,7 +28,7 @@ impl Refusals {
             let is_over = limit.is_over(now_ms);
             if let Some(left_out) = limit.minute_over(now_ms) {
                 let refused =
-                    format!("{left_out} further refused requests of one minute have no line of their own");
+                    format!("{left_out} further refused requests within one minute were not recorded individually");
                 let AuditEntry { who, role, from, .. } = last.clone();
                 counted.push(AuditEntry { refused: Some(refused), ..AuditEntry::done(who, role, from, "flood") });
             }

@@ -102,7 +102,7 @@ impl OperatorPage {
                 (Some(listener), address)
             }
             Err(source) => {
-                tracing::warn!("{}; it is tried again every second", failed(source));
+                tracing::warn!("{}; retrying every second", failed(source));
                 (None, address)
             }
         };
@@ -143,7 +143,10 @@ fn words(page: &cell::Page) -> Result<Words, PageError> {
         None => None,
         Some(file) => {
             let bytes = disk::read(file).map_err(|error| PageFileError::file(file, error))?;
-            Some(String::from_utf8(bytes).map_err(|_| PageFileError::file(file, "it is not valid UTF-8 text"))?)
+            Some(
+                String::from_utf8(bytes)
+                    .map_err(|_| PageFileError::file(file, "the file is not valid UTF-8 text"))?,
+            )
         }
     };
     let file = page.words.clone().unwrap_or_default();
@@ -245,6 +248,6 @@ async fn speak(
     let service = TowerToHyperService::new(router.layer(heeded));
     let mut server = http1::Builder::new();
     server.timer(TokioTimer::new()).header_read_timeout(HEAD_TIMEOUT).max_buf_size(64 * 1_024);
-    #[expect(clippy::let_underscore_must_use, reason = "whoever hung up does not want to know")]
+    #[expect(clippy::let_underscore_must_use, reason = "a client that disconnected needs no reply")]
     let _ = server.serve_connection(TokioIo::new(stream), service).await;
 }

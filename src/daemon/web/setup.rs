@@ -222,7 +222,9 @@ fn kept(web: &Web, name: &str, line: AuditEntry, (read, changed): (&str, &str)) 
     let before = Some(checked.map_err(refused)?);
     let told = AuditEntry { before, ..line.clone() };
     web.write(|store| store.keep_audit(&told)).map_err(|error| {
-        format!("the audit trail cannot be written, so the recipe stays as it was: {error}; save it again later")
+        format!(
+            "the audit trail cannot be written, so the recipe was not saved: {error}; save the recipe again later"
+        )
     })?;
     setup.save(name, &text).map(drop).map_err(refused)
 }

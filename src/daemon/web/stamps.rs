@@ -47,7 +47,9 @@ impl Stamps {
             // A store that cannot be read ends no session: the last known data remains valid.
             failed => {
                 if let Ok(Err(error)) = failed {
-                    tracing::warn!("the accounts could not be read: {error}");
+                    tracing::warn!(
+                        "the accounts could not be read, so changes of accounts are not effective yet: {error}"
+                    );
                 }
                 known.as_ref().is_none_or(|known| known.has(person))
             }

@@ -49,10 +49,10 @@ pub fn certificate(
     let read = |file: &Path| disk::read(file).map_err(|error| PageFileError::file(file, error));
     let chain: Vec<CertificateDer<'static>> = CertificateDer::pem_slice_iter(&read(text)?)
         .collect::<Result<_, _>>()
-        .map_err(|error| PageFileError::file(text, format!("it is no PEM certificate: {error}")))?;
+        .map_err(|error| PageFileError::file(text, format!("the file is not a PEM certificate: {error}")))?;
     let private = PrivateKeyDer::from_pem_slice(&read(key)?)
-        .map_err(|error| PageFileError::file(key, format!("it is no PEM private key: {error}")))?;
-    let first = chain.first().ok_or_else(|| PageFileError::file(text, "it holds no certificate"))?;
+        .map_err(|error| PageFileError::file(key, format!("the file is not a PEM private key: {error}")))?;
+    let first = chain.first().ok_or_else(|| PageFileError::file(text, "the file contains no certificate"))?;
     let is_own = given.is_none();
     let fingerprint = is_own.then(|| {
         let bytes = Sha256::digest(first.as_ref());
@@ -62,7 +62,9 @@ pub fn certificate(
     let config = ServerConfig::builder_with_provider(provider)
         .with_safe_default_protocol_versions()
         .and_then(|builder| builder.with_no_client_auth().with_single_cert(chain, private))
-        .map_err(|error| PageFileError::file(text, format!("it does not serve with this key: {error}")))?;
+        .map_err(|error| {
+            PageFileError::file(text, format!("the certificate cannot be used with its private key: {error}"))
+        })?;
     Ok(Certificate { config: Arc::new(config), fingerprint })
 }
 
@@ -72,7 +74,7 @@ fn make([text, key]: &[PathBuf; 2], listen: SocketAddr) -> Result<(), PageFileEr
     let host = rustix::system::uname().nodename().to_string_lossy().into_owned();
     let mut names = vec![host, "localhost".to_owned(), "127.0.0.1".to_owned()];
     names.extend((!listen.ip().is_unspecified()).then(|| listen.ip().to_string()));
-    let failed = |error: rcgen::Error| PageFileError::file(text, format!("no certificate could be made: {error}"));
+    let failed = |error: rcgen::Error| PageFileError::file(text, format!("cannot create a certificate: {error}"));
     let pair = KeyPair::generate().map_err(failed)?;
     let mut params = CertificateParams::new(names).map_err(failed)?;
     params.distinguished_name.push(rcgen::DnType::CommonName, "Panelprep operator's page");
@@ -105,6 +107,6 @@ mod tests {
         assert_eq!(std::fs::metadata(&key).expect("there").permissions().mode() & 0o777, 0o600);
         std::fs::write(&key, "no key").expect("written");
         let error = certificate(None, folder.path(), listen).err().expect("refused").to_string();
-        assert!(error.contains("page-key.pem") && error.contains("no PEM private key"), "{error}");
+        assert!(error.contains("page-key.pem") && error.contains("not a PEM private key"), "{error}");
     }
 }

@@ -242,7 +242,9 @@ mod tests {
             let html = body(words.language(Some(language), None), &shown_of(12)).into_string();
             assert!(html.contains("href=\"/trends.csv?panel=a%26b&amp;name=passes\""), "{html}");
             assert!(html.contains("<option value=\"a&amp;b\" selected>"), "{html}");
-            assert!(html.contains("class=\"beyond\"") && html.contains("one value is beyond 3 times"));
+            assert!(
+                html.contains("class=\"beyond\"") && html.contains("one value is more than 3 standard deviations")
+            );
             assert!(html.contains("<strong>1/3</strong><br>5.0 s") && !html.contains("style="));
             assert!(
                 !html.contains("trends.") || html.matches("trends.").count() == html.matches("/trends.").count()

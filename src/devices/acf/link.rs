@@ -23,7 +23,7 @@ const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Why no link was started.
 #[derive(Debug, thiserror::Error)]
-#[error("the thread of the compliant tool's link cannot be had: {0}")]
+#[error("the thread for the connection to the compliant tool cannot be started: {0}")]
 pub struct AcfStartError(#[from] io::Error);
 
 /// A link that its thread keeps connected; when it is dropped, the connection is closed.

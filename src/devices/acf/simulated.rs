@@ -78,7 +78,7 @@ impl<S: Surroundings> SimulatedAcf<S> {
         if matches!(self.session.state(), State::Offline | State::Lost(_)) && now_ms >= self.again_ms {
             self.again_ms = now_ms + RECONNECT_DELAY_MS;
             if !self.mock.is_reachable() {
-                return self.session.lose(Loss::Unreachable { problem: "the connection is refused".to_owned() });
+                return self.session.lose(Loss::Unreachable { problem: "the connection was refused".to_owned() });
             }
             self.mock.connect();
             let login = self.session.connected(now);

@@ -52,10 +52,10 @@ fn each_fault_of_the_link_is_told_and_mended() {
     let reads = |news: &ToolReport| matches!(news, ToolReport::Reading { .. });
     for (fault, word) in [
         (ToolFault::LinkCut, "closed"),
-        (ToolFault::Silent, "has not answered for 1"),
-        (ToolFault::Late(140), "has not answered for 1"),
-        (ToolFault::Garbage, "is not a reply"),
-        (ToolFault::OtherId, "id 1041 answered"),
+        (ToolFault::Silent, "has not replied for 1"),
+        (ToolFault::Late(140), "has not replied for 1"),
+        (ToolFault::Garbage, "reply is not valid"),
+        (ToolFault::OtherId, "id 1041 replied"),
     ] {
         server.breaks(None);
         wait(&mut link, reads);

@@ -26,7 +26,7 @@ impl std::fmt::Display for Which {
 #[derive(Debug, thiserror::Error)]
 pub enum CameraError {
     /// No camera answers.
-    #[error("the {which} is not there: {reason}")]
+    #[error("the {which} is not available: {reason}")]
     NotThere {
         /// Which.
         which: Which,
@@ -34,7 +34,7 @@ pub enum CameraError {
         reason: String,
     },
     /// The camera responds, but did not deliver a shot in time.
-    #[error("no shot of the {which} within {waited_ms} ms")]
+    #[error("no shot from the {which} within {waited_ms} ms")]
     Timeout {
         /// Which.
         which: Which,
@@ -42,7 +42,7 @@ pub enum CameraError {
         waited_ms: u64,
     },
     /// A recording has come to its end.
-    #[error("{} has no further {what}: all {played} were played", folder.display())]
+    #[error("{} contains no further {what}: all {played} were used", folder.display())]
     RanOut {
         /// The recording.
         folder: PathBuf,
@@ -52,7 +52,7 @@ pub enum CameraError {
         played: usize,
     },
     /// A shot of another size than the calibrated one.
-    #[error("a shot of the {which} is {}×{}, its calibration is for {}×{}", found_px[0], found_px[1], expected_px[0], expected_px[1])]
+    #[error("a shot of the {which} is {}×{} px, but its calibration is for {}×{} px", found_px[0], found_px[1], expected_px[0], expected_px[1])]
     WrongSize {
         /// Which.
         which: Which,
@@ -62,7 +62,7 @@ pub enum CameraError {
         expected_px: [usize; 2],
     },
     /// The camera answers, but its data cannot be used.
-    #[error("the {which} gives no picture that may be used: {reason}")]
+    #[error("the {which} delivered no usable picture: {reason}")]
     Unusable {
         /// Which.
         which: Which,
@@ -70,13 +70,14 @@ pub enum CameraError {
         reason: String,
     },
     /// A picture of a clip that was not begun, or that has ended.
-    #[error("the {which} takes no clip now, so it has no picture of one")]
+    #[error("the {which} is not recording a clip, so it has no picture of a clip")]
     NoClip {
         /// Which.
         which: Which,
     },
     /// A 3D shot with the arm in front of the camera.
-    #[error("a 3D shot needs the arm at rest in its park pose; {axis_off_deg:.2}° is the farthest axis off, {}", if *moving { "and it moves" } else { "it stands" })]
+    #[error("a 3D shot needs the arm at standstill in its park pose; the largest deviation of an axis is \
+             {axis_off_deg:.2}°, {}", if *moving { "and the arm is moving" } else { "and the arm is at standstill" })]
     ArmInView {
         /// The largest deviation of an axis from the park pose, degrees.
         axis_off_deg: f64,
@@ -84,16 +85,16 @@ pub enum CameraError {
         moving: bool,
     },
     /// A picture of the flange camera while the flange moves.
-    #[error("a picture of the flange camera needs the arm at rest, but it moves")]
+    #[error("a picture of the flange camera needs the arm at standstill, but the arm is moving")]
     ArmMoves,
     /// The service uses the cameras, and delivers no picture.
-    #[error("the service, which has the cameras: {problem}")]
+    #[error("the service, which uses the cameras, reports: {problem}")]
     Service {
         /// Its message, or the state of the connection to it.
         problem: String,
     },
     /// The service uses the cameras, and the cell is at work.
-    #[error("the service has the cameras, and the cell is at work; try again when the cycle has ended")]
+    #[error("the service is using the cameras for a cycle; try again when the cycle has ended")]
     AtWork,
     /// A fault of the Zivid, in the terms of the fault model.
     #[error(transparent)]

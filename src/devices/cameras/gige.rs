@@ -36,7 +36,7 @@ impl GigeFlangeCamera {
         };
         let format = PixelFormat::named(cell.pixel_format).ok_or_else(|| CameraError::NotThere {
             which: Which::Flange,
-            reason: format!("pixel format {} is not one of this program's", cell.pixel_format),
+            reason: format!("this program does not support the pixel format {}", cell.pixel_format),
         })?;
         let settings = Settings {
             which,
@@ -167,7 +167,9 @@ impl FlangeCamera for LoopbackFlangeCamera {
 /// to do.
 fn socket_buffer_short_of(bytes: usize) -> Option<String> {
     let given = gige::rmem_max().filter(|given| *given < bytes)?;
-    Some(format!("net.core.rmem_max is {given}, at least {bytes} are needed: sysctl -w net.core.rmem_max={bytes}"))
+    Some(format!(
+        "net.core.rmem_max is {given}, at least {bytes} are needed: run sysctl -w net.core.rmem_max={bytes}"
+    ))
 }
 
 fn opened(settings: Settings) -> Result<GigeCamera, CameraError> {
@@ -179,7 +181,7 @@ fn opened(settings: Settings) -> Result<GigeCamera, CameraError> {
 fn colored(frame: &Frame) -> Result<ColorPicture, CameraError> {
     let format = PixelFormat::ALL.iter().copied().find(|format| format.code() == frame.facts.format);
     let colored = format.and_then(|format| demosaic(&frame.pixels, frame.facts.size_px, format));
-    let reason = || "its size or pixel format makes no picture".to_owned();
+    let reason = || "the data do not match the picture's size and pixel format".to_owned();
     colored.ok_or_else(|| CameraError::Unusable { which: Which::Flange, reason: reason() })
 }
 

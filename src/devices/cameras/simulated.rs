@@ -17,7 +17,7 @@ pub enum Arm {
 
 impl Arm {
     fn moment(&self, which: Which) -> Result<Moment, CameraError> {
-        let reason = || "nothing was received yet from the controller of the arm that it views".to_owned();
+        let reason = || "no state of the arm was received yet from the robot controller".to_owned();
         match self {
             Arm::Mock(robot) => Ok(robot.with(|controller| Moment::from_controller(controller))),
             Arm::Followed(robot) => robot.moment().ok_or_else(|| CameraError::NotThere { which, reason: reason() }),

@@ -40,13 +40,13 @@ fn a_recorded_scanner_plays_in_order_and_runs_out() {
         assert_eq!((shot.cloud.color_at(5), shot.time_s), ([gray; 3], time_s));
     }
     let out = scanner.capture_3d().expect_err("two were recorded").to_string();
-    assert!(out.ends_with("has no further 3D shot: all 2 were played"), "{out}");
+    assert!(out.ends_with("contains no further 3D shot: all 2 were used"), "{out}");
     for (gray, time_s) in [(22, -0.5), (21, 0.25)] {
         let taken = scanner.capture_2d().expect("recorded");
         assert_eq!((taken.picture.rgb[0], taken.time_s), ([gray; 3], time_s));
     }
     let out = scanner.capture_2d().expect_err("two were recorded").to_string();
-    assert!(out.ends_with("has no further picture in its clip.csv: all 2 were played"), "{out}");
+    assert!(out.ends_with("contains no further picture in its clip.csv: all 2 were used"), "{out}");
 }
 
 #[test]
@@ -69,7 +69,7 @@ fn what_does_not_fit_is_told() {
     let folder = folder(&[("a.pcd", pcd(1)), ("b.pcd", b"pcd".to_vec())]);
     let mut turned = RecordedScanner::open(folder.path(), camera(2, 3)).expect("there");
     let told = turned.capture_3d().expect_err("turned").to_string();
-    assert_eq!(told, "a shot of the scanner is 3×2, its calibration is for 2×3");
+    assert_eq!(told, "a shot of the scanner is 3×2 px, but its calibration is for 2×3 px");
     let bad = turned.capture_3d().expect_err("no cloud");
     assert!(matches!(bad, CameraError::File { cause: FileError::Cloud(_), .. }), "{bad}");
 }

@@ -27,9 +27,9 @@ impl Delivery {
         match self {
             Delivery::Complete => "complete",
             Delivery::MissingPackets => "packets are missing",
-            Delivery::TimedOut => "the rest of it did not arrive in time",
-            Delivery::SizeMismatch => "it is larger than announced",
-            Delivery::Broken => "its packets make no picture",
+            Delivery::TimedOut => "a part of the frame did not arrive in time",
+            Delivery::SizeMismatch => "the frame is larger than announced",
+            Delivery::Broken => "the packets do not form a picture",
         }
     }
 }
@@ -85,7 +85,7 @@ pub enum Refused {
     },
     /// The frame has another size or pixel format.
     #[error(
-        "frame {id} is {}×{} with pixel format {format:#010x}, expected are {}×{} and {}", found_px[0], found_px[1],
+        "frame {id} is {}×{} with pixel format {format:#010x}, expected {}×{} and {}", found_px[0], found_px[1],
         expected_px[0], expected_px[1], expected.name()
     )]
     WrongForm {
@@ -101,7 +101,7 @@ pub enum Refused {
         expected: PixelFormat,
     },
     /// The frame has fewer or more bytes than its size and format need.
-    #[error("frame {id} has {found} bytes, its size needs {expected}")]
+    #[error("frame {id} has {found} bytes, but its size needs {expected} bytes")]
     WrongLength {
         /// Its number.
         id: u64,
@@ -111,7 +111,9 @@ pub enum Refused {
         expected: usize,
     },
     /// By the camera's clock, the frame is not newer than the last one.
-    #[error("frame {id} was exposed at {found_ns} ns of the camera's clock, not after the last, {last_ns} ns")]
+    #[error(
+        "frame {id} was exposed at {found_ns} ns of the camera's clock, not after the last frame, {last_ns} ns"
+    )]
     NotNewer {
         /// Its number.
         id: u64,
@@ -129,7 +131,7 @@ pub enum Refused {
         last: u64,
     },
     /// The frame has the same pixels as the last frame.
-    #[error("frame {id} repeats the last picture pixel by pixel")]
+    #[error("frame {id} has exactly the same pixels as the last frame")]
     Repeated {
         /// Its number.
         id: u64,
@@ -298,16 +300,12 @@ mod tests {
         let good = frame(8);
         let cases: [(Facts, Vec<u8>, &str); 7] = [
             (Facts { delivery: Delivery::MissingPackets, ..good }, vec![], "incomplete: packets are missing"),
-            (Facts { size_px: [2, 4], ..good }, pixels(8), "is 2×4 with pixel format 0x01080009, expected are 4×2"),
-            (
-                Facts { format: PixelFormat::Mono8.code(), ..good },
-                pixels(8),
-                "0x01080001, expected are 4×2 and Bayer",
-            ),
-            (good, vec![1; 7], "has 7 bytes, its size needs 8"),
-            (Facts { camera_time_ns: 7_000, ..good }, pixels(8), "not after the last, 7000 ns"),
+            (Facts { size_px: [2, 4], ..good }, pixels(8), "is 2×4 with pixel format 0x01080009, expected 4×2"),
+            (Facts { format: PixelFormat::Mono8.code(), ..good }, pixels(8), "0x01080001, expected 4×2 and Bayer"),
+            (good, vec![1; 7], "has 7 bytes, but its size needs 8"),
+            (Facts { camera_time_ns: 7_000, ..good }, pixels(8), "not after the last frame, 7000 ns"),
             (Facts { id: 10, ..good }, pixels(8), "frame 10 does not follow frame 7"),
-            (good, pixels(7), "repeats the last picture"),
+            (good, pixels(7), "has exactly the same pixels as the last frame"),
         ];
         for (facts, bytes, says) in cases {
             let mut acceptance = Acceptance::new(EXPECTED);

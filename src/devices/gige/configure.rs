@@ -14,7 +14,8 @@ use aravis::{GvDevice, GvInterface, GvPacketSizeAdjustment};
 pub(super) fn found(which: &Which) -> Result<GvDevice, GigeError> {
     let wanted = which.to_string();
     let not_found = |found: String| GigeError::NotFound { wanted: wanted.clone(), found };
-    let interface = GvInterface::instance().ok_or_else(|| not_found("Aravis has no GigE Vision".to_owned()))?;
+    let interface = GvInterface::instance()
+        .ok_or_else(|| not_found("the Aravis library has no GigE Vision support".to_owned()))?;
     let far = |address: &str| subnet::out_of_reach(address, &subnets_here());
     let id = match which {
         Which::Address(address) => address.clone(),
@@ -24,10 +25,11 @@ pub(super) fn found(which: &Which) -> Result<GvDevice, GigeError> {
                 all.iter().map(|found| format!("serial {} at {}", found.serial, found.address)).collect();
             let told = match all.is_empty() {
                 true => format!(
-                    "none answered; cameras answer in this computer's subnets, {}, and one with another address may not",
+                    "no camera responded; cameras respond in this computer's subnets ({}), but a camera with an \
+                     address outside of them may not respond",
                     subnet::describe(&subnets_here())
                 ),
-                false => format!("there is {}", told.join(", ")),
+                false => format!("found {}", told.join(", ")),
             };
             let right = all.iter().filter(|found| match which {
                 Which::Serial(wanted) => found.serial == *wanted,
@@ -45,7 +47,7 @@ pub(super) fn found(which: &Which) -> Result<GvDevice, GigeError> {
     };
     let why = |error: aravis::glib::Error| far(&id).unwrap_or_else(|| error.to_string());
     let device = interface.open_device(Some(&id)).map_err(|error| not_found(why(error)))?;
-    device.downcast::<GvDevice>().map_err(|_| not_found("it is no GigE Vision camera".to_owned()))
+    device.downcast::<GvDevice>().map_err(|_| not_found("the device is not a GigE Vision camera".to_owned()))
 }
 
 /// Configures the camera and reads back the settings on which the meaning of a picture depends.
@@ -68,7 +70,7 @@ pub(super) fn configure(camera: &aravis::Camera, settings: &Settings) -> Result<
     camera.gv_set_packet_size(i32::from(bytes)).map_err(refused(node, bytes.to_string()))?;
     let taken = camera.gv_get_packet_size().map_err(refused(node, bytes.to_string()))?;
     if taken != u32::from(bytes) {
-        let why = format!("it set {taken} instead");
+        let why = format!("the camera set {taken} instead");
         return Err(GigeError::NotTaken { node, value: bytes.to_string(), why });
     }
     let (_, _, width, height) = camera.region().map_err(gone)?;
@@ -96,10 +98,10 @@ fn set(camera: &aravis::Camera, step: &Step) -> Result<(), GigeError> {
             camera.set_string(node, entry).map_err(|error| {
                 let entries = camera.dup_available_enumerations_as_strings(node).unwrap_or_default();
                 let entries = entries.iter().map(|entry| entry.as_str()).collect::<Vec<_>>().join(", ");
-                not_taken(format!("{error}; it has {entries}"))
+                not_taken(format!("{error}; valid: {entries}"))
             })?;
             let taken = camera.string(node).map_err(refused)?;
-            if taken == *entry { Ok(()) } else { Err(not_taken(format!("it set {taken} instead"))) }
+            if taken == *entry { Ok(()) } else { Err(not_taken(format!("the camera set {taken} instead"))) }
         }
         Step::Limit(node, number) => {
             let (_, most) = camera.float_bounds(node).map_err(refused)?;
@@ -108,14 +110,14 @@ fn set(camera: &aravis::Camera, step: &Step) -> Result<(), GigeError> {
         Step::Number(node, number) => {
             let (least, most) = camera.float_bounds(node).map_err(refused)?;
             if !(least..=most).contains(number) {
-                return Err(not_taken(format!("it allows {least} to {most}{}", at_its_rate(camera, node))));
+                return Err(not_taken(format!("valid: {least} to {most}{}", at_its_rate(camera, node))));
             }
             camera.set_float(node, *number).map_err(refused)?;
             let taken = camera.float(node).map_err(refused)?;
             // A sensor's exposure is a multiple of its row time, and an amplifier's gain has steps, so the accepted
             // value may differ slightly.
             let near = (taken - number).abs() <= 0.02 * number.abs() + 0.1;
-            if near { Ok(()) } else { Err(not_taken(format!("it set {taken} instead"))) }
+            if near { Ok(()) } else { Err(not_taken(format!("the camera set {taken} instead"))) }
         }
     }
 }
@@ -123,5 +125,5 @@ fn set(camera: &aravis::Camera, step: &Step) -> Result<(), GigeError> {
 /// The frame rate that limits the exposure, in words, if the camera reports one.
 fn at_its_rate(camera: &aravis::Camera, node: &str) -> String {
     let rate = node.starts_with("Exposure").then(|| camera.float("AcquisitionFrameRate").ok()).flatten();
-    rate.map_or(String::new(), |rate| format!(" at its {rate:.3} pictures per second, its lowest rate"))
+    rate.map_or(String::new(), |rate| format!(" at the camera's lowest rate, {rate:.3} pictures per second"))
 }

@@ -8,7 +8,7 @@ use super::settings::PlanError;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum GigeError {
     /// No camera answers.
-    #[error("{wanted} is not found; {found}")]
+    #[error("{wanted} was not found: {found}")]
     NotFound {
         /// Which one.
         wanted: String,
@@ -16,7 +16,7 @@ pub enum GigeError {
         found: String,
     },
     /// The camera answers, but cannot be opened.
-    #[error("{wanted} does not open: {why}")]
+    #[error("{wanted} cannot be opened: {why}")]
     NotOpened {
         /// Which one.
         wanted: String,
@@ -24,7 +24,9 @@ pub enum GigeError {
         why: String,
     },
     /// Another program controls the camera.
-    #[error("{wanted} is controlled by another program; end that one, or wait until its heartbeat is over")]
+    #[error(
+        "{wanted} is controlled by another program; close that program, or wait until its heartbeat has timed out"
+    )]
     Controlled {
         /// Which one.
         wanted: String,
@@ -44,8 +46,8 @@ pub enum GigeError {
     },
     /// The camera is not the calibrated one.
     #[error(
-        "the camera found is {found}, expected is {expected}: its calibration is for that one; calibrate this one, or put the \
-         other back"
+        "found the camera with serial {found}, but the calibration is for serial {expected}; calibrate the found \
+         camera, or connect the calibrated camera"
     )]
     WrongCamera {
         /// Its serial number.
@@ -54,7 +56,7 @@ pub enum GigeError {
         expected: String,
     },
     /// The camera has another size than the calibrated one.
-    #[error("the camera's picture is {}×{}, its calibration is for {}×{}", found_px[0], found_px[1], expected_px[0], expected_px[1])]
+    #[error("the camera's picture is {}×{} px, but its calibration is for {}×{} px", found_px[0], found_px[1], expected_px[0], expected_px[1])]
     WrongSize {
         /// Width and height, px.
         found_px: [usize; 2],
@@ -63,9 +65,9 @@ pub enum GigeError {
     },
     /// No complete picture came when the camera was opened.
     #[error(
-        "no whole picture came in {tries} tries; are packets of {packet_bytes} bytes too large for a port on the way, is \
-         net.core.rmem_max (now {rmem_max}) below {wanted_bytes}, does a firewall of this computer drop UDP from the camera? \
-         Last: {last}"
+        "no complete picture was received in {tries} tries. Check that each network port accepts packets of \
+         {packet_bytes} bytes, that net.core.rmem_max (now {rmem_max}) is at least {wanted_bytes}, and that no \
+         firewall of this computer drops UDP from the camera. Last: {last}"
     )]
     NothingWhole {
         /// The number of pictures requested.
@@ -81,8 +83,8 @@ pub enum GigeError {
     },
     /// The camera sends another format than configured, and reports the format that it sends.
     #[error(
-        "the camera accepted pixel format {} but sends {found}: {last}; set [flange_camera] pixel_format to one \
-         that it sends as it is named, or install other firmware", expected.name()
+        "the camera accepted pixel format {} but sends {found}: {last}; set [flange_camera] pixel_format to another \
+         format, or install other firmware", expected.name()
     )]
     OtherFormat {
         /// What it sends.
@@ -93,19 +95,19 @@ pub enum GigeError {
         last: Refused,
     },
     /// The camera was connected and is lost.
-    #[error("the camera is lost: {why}")]
+    #[error("the connection to the camera is lost: {why}")]
     Lost {
         /// How that shows.
         why: String,
     },
     /// The camera does not answer in time.
-    #[error("no picture within {waited_ms} ms")]
+    #[error("no picture from the camera within {waited_ms} ms")]
     Timeout {
         /// How long the program waited, ms.
         waited_ms: u64,
     },
     /// The frames that came cannot be used.
-    #[error("no picture that may be used came in {tries} tries; the last: {last}")]
+    #[error("no usable picture was received in {tries} tries; last: {last}")]
     Refused {
         /// Number of frames that were tried.
         tries: u32,
@@ -113,7 +115,7 @@ pub enum GigeError {
         last: Refused,
     },
     /// The camera delivers an old scene.
-    #[error("the camera is frozen: {last}, at the second try too")]
+    #[error("the camera delivers old pictures: {last}; the second try had the same result")]
     Frozen {
         /// Why the last frame was refused.
         last: Refused,

@@ -100,7 +100,7 @@ impl GigeCamera {
     /// If the camera is away or delivers no usable picture.
     pub fn picture(&mut self) -> Result<Frame, GigeError> {
         self.check()?;
-        let lost = || GigeError::Lost { why: "its thread has ended".to_owned() };
+        let lost = || GigeError::Lost { why: "the camera's thread has ended".to_owned() };
         let (reply, answer) = mpsc::channel();
         let asked = Instant::now();
         self.asks.as_ref().ok_or_else(lost)?.send(CameraRequest::Picture { asked, reply }).map_err(|_| lost())?;
@@ -130,7 +130,7 @@ impl GigeCamera {
                 LinkStatus::Connected => return Ok(()),
                 LinkStatus::Away(why) => return Err(why),
                 LinkStatus::Searching if self.opened.elapsed() > self.search => {
-                    let found = format!("it has been searched for {} s", self.search.as_secs());
+                    let found = format!("the search has lasted {} s", self.search.as_secs());
                     return Err(GigeError::NotFound { wanted: self.which.clone(), found });
                 }
                 LinkStatus::Searching => std::thread::sleep(Duration::from_millis(5)),
@@ -238,7 +238,7 @@ impl Link {
         let Some(connected) = &mut self.connected else {
             let away = match &lock(&self.shared).standing {
                 LinkStatus::Away(why) => why.clone(),
-                _ => GigeError::Lost { why: "it is searched for".to_owned() },
+                _ => GigeError::Lost { why: "the program is searching for the camera".to_owned() },
             };
             return Err(away);
         };

@@ -71,7 +71,7 @@ pub enum NoLoopback {
     )]
     Taken,
     /// The fake camera does not accept its size.
-    #[error("the simulated GigE Vision camera is at most {sensor_px} px wide and high, requested are {}×{}", size_px[0], size_px[1])]
+    #[error("the simulated GigE Vision camera is at most {sensor_px} px wide and high, but {}×{} px were requested", size_px[0], size_px[1])]
     TooLarge {
         /// Largest width and height that the sensor supports, px.
         sensor_px: usize,
@@ -151,8 +151,10 @@ impl LoopbackCamera {
         let no_file = |error: std::io::Error| NoLoopback::NoDescription(error.to_string());
         let mut file = tempfile::Builder::new().suffix(".xml").tempfile().map_err(no_file)?;
         file.write_all(description.as_bytes()).and_then(|()| file.flush()).map_err(no_file)?;
-        let name =
-            file.path().to_str().ok_or_else(|| NoLoopback::NoDescription("its name is no text".to_owned()))?;
+        let name = file
+            .path()
+            .to_str()
+            .ok_or_else(|| NoLoopback::NoDescription("the file's name is not valid UTF-8".to_owned()))?;
         let fake = GvFakeCamera::new_full(Some(ADDRESS), Some(serial), Some(name));
         let camera = fake.fake_camera().filter(|_| fake.is_running()).ok_or(NoLoopback::Taken)?;
         let [width, height] = size_px.map(|px| px as u32);

@@ -18,7 +18,8 @@ pub struct FoundCamera {
 #[cfg(feature = "gige")]
 pub fn search() -> Result<Vec<FoundCamera>, String> {
     use aravis::prelude::*;
-    let interface = aravis::GvInterface::instance().ok_or_else(|| "Aravis has no GigE Vision".to_owned())?;
+    let interface = aravis::GvInterface::instance()
+        .ok_or_else(|| "the Aravis library has no GigE Vision support".to_owned())?;
     interface.update_device_list();
     let text = |text: Option<aravis::glib::GString>| text.map_or(String::new(), String::from);
     let camera = |at| FoundCamera {

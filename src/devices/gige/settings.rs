@@ -96,7 +96,7 @@ pub enum Step {
 
 /// A setting for which this camera has no node.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("the camera has no {wanted} (looked for {}); {advice}", nodes.join(", "))]
+#[error("the camera has no setting for {wanted} (searched for {}); {advice}", nodes.join(", "))]
 pub struct NoNode {
     /// What is wanted.
     pub wanted: &'static str,
@@ -114,7 +114,8 @@ pub enum PlanError {
     NoNode(#[from] NoNode),
     /// The pictures would overlap.
     #[error(
-        "an exposure of {exposure_us} µs does not go with {frames_per_s} pictures a second, one of which lasts {} µs; shorten          exposure_us", (1e6 / frames_per_s).floor()
+        "an exposure of {exposure_us} µs is too long for {frames_per_s} pictures per second (limit {} µs); reduce \
+         exposure_us", (1e6 / frames_per_s).floor()
     )]
     TooLong {
         /// The exposure, µs.
@@ -148,7 +149,7 @@ pub fn plan(settings: &Settings, has: &dyn Fn(&str) -> bool) -> Result<Vec<Step>
         steps.extend([choose("UserSetSelector", &settings.user_set), Step::Command("UserSetLoad")]);
     }
     steps.push(choose(
-        one_of("pixel format", &["PixelFormat"], "it is no camera for this program")?,
+        one_of("pixel format", &["PixelFormat"], "this program does not support this camera")?,
         settings.format.name(),
     ));
     let switches = ["ChunkModeActive", "PtpEnable"].into_iter().filter(|node| has(node));
@@ -173,7 +174,7 @@ pub fn plan(settings: &Settings, has: &dyn Fn(&str) -> bool) -> Result<Vec<Step>
     let rate: Vec<Step> = rate.into_iter().flat_map(|rate| enable.clone().into_iter().chain([rate])).collect();
     if let Some(exposure_us) = settings.exposure_us {
         let nodes = ["ExposureTime", "ExposureTimeAbs"];
-        let node = one_of("exposure time in µs", &nodes, "it is no camera for this program")?;
+        let node = one_of("exposure time in µs", &nodes, "this program does not support this camera")?;
         let before = rate.iter().map(|step| match step {
             Step::Number(node, number) => Step::Limit(node, *number),
             other => other.clone(),
@@ -182,7 +183,7 @@ pub fn plan(settings: &Settings, has: &dyn Fn(&str) -> bool) -> Result<Vec<Step>
     }
     steps.extend(rate);
     if let Some(gain_db) = settings.gain_db {
-        let advice = "leave gain_db out, the user set's gain then holds";
+        let advice = "remove gain_db to use the gain of the user set";
         steps.push(Step::Number(one_of("gain in dB", &["Gain"], advice)?, gain_db));
     }
     if has("AcquisitionMode") {
@@ -193,7 +194,7 @@ pub fn plan(settings: &Settings, has: &dyn Fn(&str) -> bool) -> Result<Vec<Step>
     }
     match settings.exposing {
         Exposing::OnTrigger => {
-            let advice = "it cannot take single pictures";
+            let advice = "this camera cannot take single pictures";
             let mode = one_of("trigger", &["TriggerMode"], advice)?;
             let source = one_of("trigger source", &["TriggerSource"], advice)?;
             one_of("software trigger", &["TriggerSoftware"], advice)?;
@@ -306,7 +307,8 @@ mod tests {
         let refused = plan(&settings(), &|node| nodes.contains(&node)).expect_err("no gain in dB").to_string();
         assert_eq!(
             refused,
-            "the camera has no gain in dB (looked for Gain); leave gain_db out, the user set's gain then holds"
+            "the camera has no setting for gain in dB (searched for Gain); remove gain_db to use the gain of the user \
+             set"
         );
         for missing in ["PixelFormat", "ExposureTime", "TriggerMode", "TriggerSource", "TriggerSoftware"] {
             let rest = Settings { gain_db: None, ..settings() };
@@ -316,8 +318,8 @@ mod tests {
         let exposing = Exposing::Freely { frames_per_s: 30.0 };
         let long = Settings { exposure_us: Some(40_000.0), gain_db: None, exposing, ..settings() };
         let refused = plan(&long, &|_| true).expect_err("33 ms a picture").to_string();
-        assert!(refused.starts_with(
-            "an exposure of 40000 µs does not go with 30 pictures a second, one of which lasts 33333"
-        ));
+        assert!(
+            refused.starts_with("an exposure of 40000 µs is too long for 30 pictures per second (limit 33333 µs)")
+        );
     }
 }

@@ -93,8 +93,9 @@ impl Streaming {
 
     fn start(&mut self) -> Result<(), GigeError> {
         let stream = self.camera.create_stream().map_err(gone)?;
-        let stream =
-            stream.downcast::<GvStream>().map_err(|_| GigeError::Lost { why: "its stream is none".to_owned() })?;
+        let stream = stream
+            .downcast::<GvStream>()
+            .map_err(|_| GigeError::Lost { why: "the camera's stream is not a GigE Vision stream".to_owned() })?;
         stream.set_socket_buffer(GvStreamSocketBuffer::Fixed);
         stream.set_socket_buffer_size(i32::try_from(self.socket_bytes).unwrap_or(i32::MAX));
         stream.set_packet_resend(GvStreamPacketResend::Always);
@@ -112,7 +113,7 @@ impl Streaming {
         let lost = |why: &str| Err(GigeError::Lost { why: why.to_owned() });
         match () {
             () if self.is_ending.load(Ordering::Relaxed) => lost("the program ends"),
-            () if self.lost.load(Ordering::Relaxed) => lost("it does not answer its heartbeat"),
+            () if self.lost.load(Ordering::Relaxed) => lost("the camera does not respond to the heartbeat"),
             () => Ok(()),
         }
     }
@@ -138,8 +139,8 @@ impl Streaming {
                 self.unarmed += 1;
                 if self.unarmed >= MAX_UNARMED_WAITS {
                     tracing::warn!(
-                        "the camera never reports that it is ready for its trigger ({ARMED}); it is triggered \
-                         without this report"
+                        "the camera never reports that it is ready for its trigger ({ARMED}); the program triggers the \
+                         camera without this report"
                     );
                     self.tells_armed = false;
                 }

@@ -48,13 +48,13 @@ pub fn out_of_reach(address: &str, subnets: &[Subnet]) -> Option<String> {
         return None;
     }
     let by_itself = if address.is_link_local() {
-        " (an address that a camera gives itself if no DHCP server answers)"
+        " (an address that a camera selects automatically if no DHCP server responds)"
     } else {
         ""
     };
     Some(format!(
-        "{address}{by_itself} is in none of this computer's subnets, {}; give the port that the camera is plugged into a fixed \
-         address in the camera's subnet, or the camera one in the port's",
+        "{address}{by_itself} is in none of this computer's subnets ({}); give the network port of the camera a fixed \
+         address in the camera's subnet, or give the camera an address in the subnet of this port",
         describe(subnets)
     ))
 }
@@ -62,7 +62,7 @@ pub fn out_of_reach(address: &str, subnets: &[Subnet]) -> Option<String> {
 /// Describes the subnets in words.
 pub fn describe(subnets: &[Subnet]) -> String {
     match subnets {
-        [] => "of which there are none".to_owned(),
+        [] => "this computer has none".to_owned(),
         some => some.iter().map(Subnet::to_string).collect::<Vec<_>>().join(", "),
     }
 }
@@ -89,12 +89,12 @@ mod tests {
         }
         let far = out_of_reach("10.0.0.2", &subnets).expect("another subnet");
         assert!(
-            far.starts_with("10.0.0.2 is in none of this computer's subnets, eth0 172.31.1.0/24, eth1"),
+            far.starts_with("10.0.0.2 is in none of this computer's subnets (eth0 172.31.1.0/24, eth1"),
             "{far}"
         );
         let own = out_of_reach("169.254.3.4", &subnets).expect("none of ours");
-        assert!(own.contains("gives itself if no DHCP server answers"), "{own}");
-        assert!(out_of_reach("10.0.0.2", &[]).is_some_and(|told| told.contains("of which there are none")));
+        assert!(own.contains("selects automatically if no DHCP server responds"), "{own}");
+        assert!(out_of_reach("10.0.0.2", &[]).is_some_and(|told| told.contains("this computer has none")));
     }
 
     #[test]

@@ -8,7 +8,7 @@ pub enum EkiError {
     #[error("15: access to an empty memory")]
     Empty,
     /// The memory contains values of another type.
-    #[error("20: the memory holds another type")]
+    #[error("20: the memory contains values of another type")]
     Type,
 }
 
@@ -19,7 +19,7 @@ pub enum EkiFault {
     #[error("512: connection disrupted")]
     Disrupted,
     /// The other end does not answer.
-    #[error("768: no contact with the other end")]
+    #[error("768: no response from the other system")]
     NoContact,
     /// The document is not XML, or a value does not have its element's type.
     #[error("1024: error reading received XML")]
@@ -40,7 +40,10 @@ pub enum EkiFault {
     #[error("the program closed the channel: {0}")]
     Unread(EkiError),
     /// The program found values of different documents in one row, and closed the channel itself.
-    #[error("the program closed the channel: an element was missing, the tags' memories have drifted apart")]
+    #[error(
+        "the program closed the channel: an element was missing, so the memories of the tags contain values of \
+         different messages"
+    )]
     Drifted,
 }
 
@@ -81,7 +84,7 @@ pub enum FileProblem {
     #[error("has no {0}")]
     Missing(&'static str),
     /// A text is not a number.
-    #[error("{name} is \"{found}\"; a whole number is needed")]
+    #[error("{name} is \"{found}\"; valid: a whole number")]
     Number {
         /// The name of the attribute or element.
         name: String,
@@ -89,7 +92,7 @@ pub enum FileProblem {
         found: String,
     },
     /// A value is not one of the permitted keywords.
-    #[error("{name} is \"{found}\"; {allowed} is known")]
+    #[error("{name} is \"{found}\"; valid: {allowed}")]
     Word {
         /// The name of the attribute or element.
         name: &'static str,
@@ -99,7 +102,7 @@ pub enum FileProblem {
         allowed: &'static str,
     },
     /// An element has a type that the controller does not know.
-    #[error("the element {tag} has the type \"{found}\"; INT, REAL, BOOL, STRING, FRAME or none is known")]
+    #[error("the element {tag} has the type \"{found}\"; valid: INT, REAL, BOOL, STRING, FRAME or no type")]
     Type {
         /// The element.
         tag: String,
@@ -107,6 +110,6 @@ pub enum FileProblem {
         found: String,
     },
     /// An element that the controller's program reads is not received.
-    #[error("does not receive {0} as the program reads it")]
+    #[error("does not receive {0} in the form that the program reads")]
     NotReceived(&'static str),
 }

@@ -41,7 +41,7 @@ pub struct Arm {
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum Unreachable {
     /// The wrist's centre is too far from axis 2, or too near to it.
-    #[error("the wrist's centre is {distance_mm:.1} mm from axis 2; {} to {} mm can be reached", allowed_mm[0], allowed_mm[1])]
+    #[error("the wrist's centre is {distance_mm:.1} mm from axis 2 (reachable: {} to {} mm)", allowed_mm[0], allowed_mm[1])]
     Distance {
         /// Measured.
         distance_mm: f64,

@@ -83,22 +83,22 @@ impl StopCause {
     /// In words.
     pub fn words(self) -> &'static str {
         match self {
-            StopCause::Abort => "the client ended it",
-            StopCause::Superseded => "a new epoch began before its end",
-            StopCause::Watchdog => "the client was silent while something was queued",
-            StopCause::LinkLost => "a channel lost its client while something was queued",
-            StopCause::Underrun => "the next point was missing in contact",
+            StopCause::Abort => "the client ended the epoch",
+            StopCause::Superseded => "a new epoch began before the end of this epoch",
+            StopCause::Watchdog => "the client sent nothing while commands were queued",
+            StopCause::LinkLost => "a channel lost its client while commands were queued",
+            StopCause::Underrun => "the next waypoint was missing while the tool was in contact",
             StopCause::Refused(_) => "a command was refused",
             StopCause::Blocked => "the arm cannot continue along its path",
             StopCause::EStop => "emergency stop",
             StopCause::Guard => "the guard was opened",
             StopCause::Drives => "the drives were switched off",
-            StopCause::Mode => "the mode switch was turned",
+            StopCause::Mode => "the operating mode was changed",
             StopCause::Deselected => "the robot program was deselected, or none runs",
             StopCause::SubmitDead => "the submit interpreter does not run",
-            StopCause::Rebooted => "the controller was started again",
-            StopCause::Program => "the programs ended it by one of their rules",
-            StopCause::Halted => "the robot program was stopped already",
+            StopCause::Rebooted => "the controller was restarted",
+            StopCause::Program => "the controller's programs ended the epoch by one of their rules",
+            StopCause::Halted => "the robot program was already stopped",
         }
     }
 }
@@ -122,6 +122,6 @@ pub struct Stop {
 pub(super) fn words(blocked: &Blocked) -> String {
     match blocked {
         Blocked::Unreachable(why) => why.to_string(),
-        Blocked::AxisSpeed(axis) => format!("axis {axis} would be too fast at any speed of the tool"),
+        Blocked::AxisSpeed(axis) => format!("axis {axis} would exceed its speed limit at any tool speed"),
     }
 }

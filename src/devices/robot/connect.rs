@@ -70,7 +70,8 @@ pub(super) fn failed(channel: Channel, error: &IoError) -> LinkLoss {
     }
     let networks = match error.kind() {
         ErrorKind::PermissionDenied => {
-            "; a firewall, or the service's unit: are the cell's networks in /etc/systemd/system/panelprep.service.d/network.conf?"
+            "; check the firewall, and that the cell's networks are in \
+             /etc/systemd/system/panelprep.service.d/network.conf"
         }
         _ => "",
     };
@@ -100,7 +101,10 @@ mod tests {
         };
         for errno in [rustix::io::Errno::HOSTUNREACH, rustix::io::Errno::NETUNREACH, rustix::io::Errno::TIMEDOUT] {
             let said = loss(errno).to_string();
-            assert!(said.contains("192.0.2.7:54600 does not answer") && said.contains("the cable in"), "{said}");
+            assert!(
+                said.contains("192.0.2.7:54600 does not respond") && said.contains("the cable is connected"),
+                "{said}"
+            );
         }
         assert!(matches!(loss(rustix::io::Errno::CONNREFUSED), LinkLoss::Refused { .. }));
         assert!(matches!(loss(rustix::io::Errno::PERM), LinkLoss::System { .. }));

@@ -48,7 +48,7 @@ pub enum StartError {
         error: ChannelError,
     },
     /// The files do not fit this program.
-    #[error("the EthernetKRL files do not fit this program: {0}")]
+    #[error("the EthernetKRL files do not match this program: {0}")]
     Schema(#[from] SchemaError),
     /// The operating system cannot create a thread or an async runtime.
     #[error("the robot link's thread cannot start: {0}")]
@@ -259,6 +259,6 @@ const NICE: i32 = -10;
 /// the link runs at the program's own priority. Computing threads have lowered their own priority below that.
 fn raise_priority() {
     if let Err(error) = rustix::process::setpriority_process(None, NICE) {
-        tracing::info!("the robot link runs at the program's own priority: {error}");
+        tracing::info!("the priority of the robot link's thread cannot be raised: {error}");
     }
 }

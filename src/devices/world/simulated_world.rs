@@ -29,7 +29,7 @@ pub enum WorldError {
         name: &'static str,
     },
     /// No park pose.
-    #[error("[poses] park is missing; a 3D shot is taken only from there")]
+    #[error("[poses] park is missing; a 3D shot is taken only in this pose")]
     NoPark,
     /// The cell's file names no signals of a line.
     #[error("a simulated line needs all of its signals in the cell's file; the manual's page line.md lists them")]

@@ -64,17 +64,17 @@ pub fn accept(taken: &ShotInfo, sum: u32, asked: &ExpectedShot) -> Result<(), Zi
         let ShotInfo { begun_ns, exposed_ns, ready_ns, .. } = taken;
         let (from_ns, until_ns) = (asked.from_ns, asked.until_ns);
         return Err(ZividFault::Frozen(format!(
-            "a shot begun at {begun_ns} ns, exposed until {exposed_ns} and ready at {ready_ns} does not lie between \
-             request and answer, {from_ns} to {until_ns}"
+            "a shot started at {begun_ns} ns, exposed until {exposed_ns} ns and ready at {ready_ns} ns is not between \
+             request and response, {from_ns} to {until_ns} ns"
         )));
     }
     if taken.number <= asked.last_number {
         let (found, last) = (taken.number, asked.last_number);
-        return Err(ZividFault::Frozen(format!("shot {found} came after shot {last}")));
+        return Err(ZividFault::Frozen(format!("shot {found} was received after shot {last}")));
     }
     if asked.last_sum == Some(sum) {
         let number = taken.number;
-        return Err(ZividFault::Frozen(format!("shot {number} is the one before to the last bit")));
+        return Err(ZividFault::Frozen(format!("shot {number} has exactly the same data as the previous shot")));
     }
     Ok(())
 }
@@ -170,7 +170,10 @@ mod tests {
         assert_eq!(accept(&taken(), 1, &ExpectedShot { last_sum: None, ..asked() }), Ok(()), "a file camera");
         let hot = ShotInfo { throttled_ms: 500.1, ..taken() };
         let words = accept_pause(&hot, "a picture").expect_err("hot").to_string();
-        assert!(words.starts_with("C3 the 3D camera is hot") && words.contains("its lens has 41 °C"), "{words}");
+        assert!(
+            words.starts_with("C3 the 3D camera is hot") && words.contains("lens temperature 41 °C"),
+            "{words}"
+        );
         assert!(accept_pause(&ShotInfo { throttled_ms: f64::NAN, ..taken() }, "a picture").is_err());
     }
 

@@ -54,7 +54,7 @@ impl Queue {
         }
         if now_ns.saturating_sub(self.asked_ns) > REQUEST_TIMEOUT.as_nanos() as u64 {
             let message = format!(
-                "its pictures were not requested for {} s, so the clip has ended",
+                "no picture of the clip was requested for {} s, so the clip was ended",
                 REQUEST_TIMEOUT.as_secs()
             );
             let ended = Refusal { trouble: Trouble::OutOfOrder, message };
@@ -94,7 +94,10 @@ impl Clip {
     ) -> Result<Self, Refusal> {
         let refused = |message| Refusal { trouble: Trouble::OutOfOrder, message };
         if !(pictures_per_second > 0.0 && pictures_per_second <= MAX_PICTURES_PER_SECOND) {
-            return Err(refused(format!("{pictures_per_second} pictures a second are none, or too many")));
+            return Err(refused(format!(
+                "{pictures_per_second} pictures per second are requested; valid: more than 0 and at most \
+                 {MAX_PICTURES_PER_SECOND}"
+            )));
         }
         let period_ns = (1e9 / pictures_per_second) as u64;
         let queue = Queue { asked_ns: now_ns(), ..Queue::default() };
@@ -222,6 +225,8 @@ mod tests {
         assert!(!queue.is_over);
         queue.receive(Ok(photo(2)), 15_000_000_001);
         assert!(queue.is_over && queue.waiting.is_empty());
-        assert!(queue.failed.is_some_and(|why| why.message.contains("its pictures were not requested for 10 s")));
+        assert!(
+            queue.failed.is_some_and(|why| why.message.contains("no picture of the clip was requested for 10 s"))
+        );
     }
 }

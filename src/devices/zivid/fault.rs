@@ -10,18 +10,19 @@ use std::time::Duration;
 pub enum ZividFault {
     /// No such camera.
     #[error(
-        "C1 the 3D camera is not found: {0}; is it on, and its cable in? It is looked for again every few seconds"
+        "C1 the 3D camera is not found: {0}; check its power and its cable. The program repeats the search every few \
+         seconds"
     )]
     NotFound(String),
     /// The camera is present but connected elsewhere.
     #[error(
-        "C1 the 3D camera is in use: {0}; close Zivid Studio and other camera programs, on other computers, too"
+        "C1 the 3D camera is in use: {0}; close Zivid Studio and other camera programs, also on other computers"
     )]
     InUse(String),
     /// The camera is detected, but cannot be reached.
     #[error(
-        "C1 the 3D camera cannot be reached: {0}; give this computer's network port an address in the camera's subnet, or set \
-         the camera's by Zivid Studio"
+        "C1 the 3D camera cannot be reached: {0}; give this computer's network port an address in the camera's subnet, \
+         or change the camera's address with Zivid Studio"
     )]
     OutOfReach(String),
     /// The camera's firmware does not match the SDK.
@@ -31,10 +32,12 @@ pub enum ZividFault {
     )]
     Firmware(String),
     /// The worker's program or its library is missing.
-    #[error("C1 the 3D camera's worker cannot work: {0}")]
+    #[error("C1 the 3D camera's worker cannot run: {0}")]
     NoWorker(String),
     /// The camera was open and is gone.
-    #[error("C2 the 3D camera was lost during {during}: {message}; it is opened again by itself once it answers")]
+    #[error(
+        "C2 the 3D camera was lost during {during}: {message}; the program opens the camera again when it responds"
+    )]
     Lost {
         /// The request to the camera.
         during: &'static str,
@@ -42,7 +45,7 @@ pub enum ZividFault {
         message: String,
     },
     /// No answer in time.
-    #[error("C3 no answer within {} s to {during}, the worker was ended; {next}", waited.as_secs_f64())]
+    #[error("C3 the 3D camera did not respond within {} s to {during}, and its worker was ended; {next}", waited.as_secs_f64())]
     Timeout {
         /// The request.
         during: &'static str,
@@ -53,7 +56,8 @@ pub enum ZividFault {
     },
     /// The worker did not answer in time, and its end was not confirmed either.
     #[error(
-        "C3 no answer within {} s to {during}, and the worker does not end: a driver holds it; restart the cell's computer",
+        "C3 the 3D camera did not respond within {} s to {during}, and its worker does not end, because a driver \
+         blocks it; restart the cell's computer",
         waited.as_secs()
     )]
     Stuck {
@@ -74,8 +78,8 @@ pub enum ZividFault {
     },
     /// The camera paused to cool.
     #[error(
-        "C3 the 3D camera is hot and paused for {} ms during {during} (limit {} ms){}; let it cool, lower \
-         Brightness in its settings", apart(*paused_ms, *allowed_ms, 0)[0], apart(*paused_ms, *allowed_ms, 0)[1], lens(*lens_c)
+        "C3 the 3D camera is hot and paused for {} ms during {during} (limit {} ms){}; let the camera cool down, and \
+         lower Brightness in its settings", apart(*paused_ms, *allowed_ms, 0)[0], apart(*paused_ms, *allowed_ms, 0)[1], lens(*lens_c)
     )]
     Throttled {
         /// The request.
@@ -88,7 +92,9 @@ pub enum ZividFault {
         lens_c: Option<f64>,
     },
     /// The data are not complete, or differ from what was sent.
-    #[error("C4 {during} arrived damaged and was thrown away: {cause}; the worker was ended; {next}")]
+    #[error(
+        "C4 the data received for {during} are damaged and were discarded: {cause}; the worker was ended; {next}"
+    )]
     Damaged {
         /// The request.
         during: &'static str,
@@ -98,12 +104,12 @@ pub enum ZividFault {
         next: Next,
     },
     /// Points with a coordinate that is not finite.
-    #[error("C4 the shot has {0} points with a coordinate that is infinite and was thrown away")]
+    #[error("C4 the shot was discarded, because {0} points have an infinite coordinate")]
     NotFinite(usize),
     /// The picture does not have the calibrated size.
     #[error(
-        "C5 {what}: {}×{} px, the camera's calibration is for {}×{}; set full resolution in the settings, or \
-         calibrate with these", found_px[0], found_px[1], expected_px[0], expected_px[1]
+        "C5 {what}: {}×{} px, but the camera's calibration is for {}×{} px; set full resolution in the settings, or \
+         calibrate with these settings", found_px[0], found_px[1], expected_px[0], expected_px[1]
     )]
     WrongSize {
         /// What has it.
@@ -114,7 +120,10 @@ pub enum ZividFault {
         expected_px: [usize; 2],
     },
     /// Another camera.
-    #[error("C5 the camera found is {found}, expected is {expected}: its calibration is for that one")]
+    #[error(
+        "C5 found the 3D camera with serial {found}, but the calibration is for serial {expected}; connect the \
+         calibrated camera, or calibrate the found camera"
+    )]
     WrongCamera {
         /// Its serial number.
         found: String,
@@ -123,7 +132,8 @@ pub enum ZividFault {
     },
     /// The worker belongs to another version of this program.
     #[error(
-        "C5 the worker's version is {found}, this program's is {expected}; restart the service after an upgrade"
+        "C5 the version of the 3D camera's worker is {found}, but the version of this program is {expected}; restart \
+         the service after an upgrade"
     )]
     WrongVersion {
         /// The worker's.
@@ -132,7 +142,7 @@ pub enum ZividFault {
         expected: String,
     },
     /// The camera does not accept the settings.
-    #[error("C5 {what} are refused: {message}")]
+    #[error("C5 {what} are not accepted: {message}")]
     Settings {
         /// Which, in words.
         what: &'static str,
@@ -141,8 +151,8 @@ pub enum ZividFault {
     },
     /// No points.
     #[error(
-        "C6 no 3D data: {} % of the shot's points are there, at least {needed_percent} % are needed; is the panel \
-         in the camera's range, is the lens shut or wet, is the exposure right?", apart(*found_percent, *needed_percent, 2)[0]
+        "C6 no 3D data: {} % of the shot's pixels have a point, but at least {needed_percent} % are needed. Check that \
+         the panel is in the camera's range, that the lens is open and dry, and the exposure", apart(*found_percent, *needed_percent, 2)[0]
     )]
     NoPoints {
         /// Found.
@@ -151,7 +161,7 @@ pub enum ZividFault {
         needed_percent: f64,
     },
     /// The same shot again, or an old shot.
-    #[error("C9 the 3D camera is frozen: {0}")]
+    #[error("C9 the 3D camera delivered old data: {0}")]
     Frozen(String),
     /// The worker ended.
     #[error("C11 the 3D camera's worker ended ({how}) during {during}; {next}")]
@@ -173,8 +183,8 @@ pub enum ZividFault {
     },
     /// The worker stays down.
     #[error(
-        "C11 the 3D camera's worker stays down: it ended {ended} times within {} min (limit {allowed} restarts). \
-         Last: {last}. Fix the cause, then reset; not before {} s from now", within.as_secs() / 60, wait.as_secs()
+        "C11 the 3D camera's worker stays down: it ended {ended} times within {} min (limit {allowed} restarts). Last: \
+         {last}. Fix the cause, then reset after {} s or more", within.as_secs() / 60, wait.as_secs()
     )]
     Down {
         /// Number of times that the worker ended within the period.
@@ -189,7 +199,7 @@ pub enum ZividFault {
         wait: Duration,
     },
     /// The worker violates its protocol, or a request came out of order.
-    #[error("C11 the worker refuses {during}: {message}")]
+    #[error("C11 the 3D camera's worker refused {during}: {message}")]
     OutOfOrder {
         /// The request.
         during: &'static str,
@@ -218,15 +228,19 @@ impl std::fmt::Display for Next {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Next::Restart { number, of, within } => {
-                write!(f, "it is started again, restart {number} of {of} in {} min", within.as_secs() / 60)
+                write!(
+                    f,
+                    "the program restarts the worker, restart {number} of {of} in {} min",
+                    within.as_secs() / 60
+                )
             }
-            Next::StaysDown => f.write_str("it stays down, its restarts are used up"),
+            Next::StaysDown => f.write_str("the worker stays down, because its restarts are used up"),
         }
     }
 }
 
 fn lens(lens_c: Option<f64>) -> String {
-    lens_c.map_or(String::new(), |celsius| format!(", its lens has {celsius:.0} °C"))
+    lens_c.map_or(String::new(), |celsius| format!(", lens temperature {celsius:.0} °C"))
 }
 
 impl ZividFault {

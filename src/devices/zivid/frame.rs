@@ -51,7 +51,7 @@ pub enum WireError {
         part: Part,
     },
     /// The frame came too slowly, or not at all.
-    #[error("no more came within the {part} of a frame")]
+    #[error("the rest of the {part} of a frame did not arrive in time")]
     Stalled {
         /// Within what.
         part: Part,
@@ -63,13 +63,13 @@ pub enum WireError {
         found: [u8; 4],
     },
     /// The other program is of another version.
-    #[error("the frames are of version {found}, this program's of version {VERSION}")]
+    #[error("the received frames have the version {found}, but this program uses version {VERSION}")]
     Version {
         /// Found.
         found: u16,
     },
     /// A checksum is wrong.
-    #[error("the checksum of a frame's {part} is {found:08x}, its bytes sum up to {computed:08x}")]
+    #[error("the checksum of a frame's {part} is {found:08x}, but the checksum of its bytes is {computed:08x}")]
     Checksum {
         /// Of what.
         part: Part,
@@ -87,7 +87,7 @@ pub enum WireError {
         allowed: Kind,
     },
     /// A reply to another request.
-    #[error("found an answer to request {found}, the last request was {allowed}")]
+    #[error("found a response to request {found}, but the last request was {allowed}")]
     Sequence {
         /// Found.
         found: u32,
@@ -105,7 +105,7 @@ pub enum WireError {
         allowed: u64,
     },
     /// A payload of another size than its head states.
-    #[error("a payload has {found} bytes, by its head it has {expected}")]
+    #[error("a frame's payload has {found} bytes, but its head states {expected} bytes")]
     PayloadSize {
         /// By the opening.
         found: u64,
@@ -116,7 +116,7 @@ pub enum WireError {
     #[error("the head of a frame cannot be read: {0}")]
     Head(#[from] serde_json::Error),
     /// The system.
-    #[error("the connection fails: {0}")]
+    #[error("the connection failed: {0}")]
     Io(std::io::Error),
 }
 

@@ -36,7 +36,8 @@ pub enum LibraryError {
         cause: libloading::Error,
     },
     /// The library was built with another version of the header.
-    #[error("{}: its interface is number {found}, this program's {INTERFACE}; build it again with `make zivid`", file.display())]
+    #[error("{}: the library has interface version {found}, but this program needs {INTERFACE}; build the library \
+             again with `make zivid`", file.display())]
     Interface {
         /// The library.
         file: PathBuf,
@@ -321,7 +322,7 @@ impl RawSize {
         match (side(self.width), side(self.height)) {
             (Some(width), Some(height)) => Ok(Size { width, height }),
             _ => {
-                let message = format!("a shot of {}×{} pixels is none", self.width, self.height);
+                let message = format!("a shot has the invalid size {}×{} px", self.width, self.height);
                 Err(Refusal { trouble: Trouble::NoShot, message })
             }
         }

@@ -63,7 +63,7 @@ impl Peer for Process {
             return;
         }
         if let Some(mut child) = self.child.take() {
-            tracing::error!("the 3D camera's worker {} does not end when killed: a driver holds it", child.id());
+            tracing::error!("the 3D camera's worker process {} cannot be killed: a driver blocks it", child.id());
             std::thread::spawn(move || child.wait());
         }
     }
@@ -76,7 +76,7 @@ impl Peer for Process {
                 Ok(Some(status)) => return Some(status.to_string()),
                 Ok(None) if Instant::now() < until => std::thread::sleep(EXIT_POLL_INTERVAL),
                 Ok(None) => return None,
-                Err(error) => return Some(format!("its end is not known: {error}")),
+                Err(error) => return Some(format!("its exit status is not known: {error}")),
             }
         }
     }

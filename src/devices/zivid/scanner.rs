@@ -141,7 +141,7 @@ impl ZividScanner {
         let is_given_up = Arc::new(AtomicBool::new(false));
         let (answer, answered) = mpsc::channel();
         let order = QueuedRequest { ask, is_given_up: is_given_up.clone(), answer };
-        let gone = || ZividFault::NoWorker("the thread that runs it has ended".to_owned());
+        let gone = || ZividFault::NoWorker("the thread that controls the worker has ended".to_owned());
         self.orders.send(order).map_err(|_| gone())?;
         let begun = Instant::now();
         let most = if ask == CameraRequest::Check {
@@ -283,7 +283,7 @@ impl ZividScanner {
 }
 
 fn unexpected(what: &dyn std::fmt::Display) -> ZividFault {
-    ZividFault::OutOfOrder { during: "its work", message: what.to_string() }
+    ZividFault::OutOfOrder { during: "the request", message: what.to_string() }
 }
 
 impl Drop for ZividScanner {
@@ -330,10 +330,10 @@ impl Scanner for ZividScanner {
 
     fn check(&mut self) -> Result<(), CameraError> {
         let found = self.temperatures()?;
-        tracing::info!(?found, "the 3D camera is well");
+        tracing::info!(?found, "the 3D camera passed its check");
         match self.warmth() {
             Warmth::Warm { .. } => {}
-            doubt => tracing::warn!("the 3D camera: {doubt}"),
+            doubt => tracing::warn!("{doubt}"),
         }
         Ok(())
     }

@@ -66,24 +66,29 @@ impl std::fmt::Display for Warmth {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Warmth::Warm { rise_c_per_min } => {
-                write!(f, "it is warm: its temperature changes by {:.2} °C a minute", rise_c_per_min.abs())
+                write!(
+                    f,
+                    "the 3D camera is warm: its temperature changes by {:.2} °C per minute",
+                    rise_c_per_min.abs()
+                )
             }
             Warmth::Changing { rise_c_per_min } => {
                 let verb = if *rise_c_per_min > 0.0 { "warms up" } else { "cools down" };
                 let [found, limit] = apart(rise_c_per_min.abs(), LIMIT_C_PER_MIN, 2);
                 write!(
                     f,
-                    "it still {verb}, by {found} °C a minute (limit {limit} °C a minute). Let it take shots for \
-                     ten minutes before you rely on tenths of a millimetre"
+                    "the 3D camera still {verb}, by {found} °C per minute (limit {limit} °C per minute). Take shots \
+                     for ten minutes before you rely on an accuracy of tenths of a millimetre"
                 )
             }
             Warmth::Unclear { rise_c_per_min, error_c_per_min } => write!(
                 f,
-                "it is not clear whether it is warm: its temperature changes by {rise_c_per_min:.2} ± {error_c_per_min:.2} °C a minute; it counts as warm at {LIMIT_C_PER_MIN} °C a minute or less"
+                "it is not clear whether the 3D camera is warm: its temperature changes by {rise_c_per_min:.2} ± \
+                 {error_c_per_min:.2} °C per minute (warm: {LIMIT_C_PER_MIN} °C per minute or less)"
             ),
             Warmth::NotFollowed { followed_s } => write!(
                 f,
-                "whether it is warm is not known: its temperature was followed for {:.0} of {:.0} min",
+                "it is not known whether the 3D camera is warm: its temperature was recorded for {:.0} of {:.0} min",
                 (followed_s / 60.0).floor(),
                 MIN_OBSERVED_S / 60.0
             ),
@@ -173,9 +178,12 @@ mod tests {
         // The same camera, seen ten minutes earlier in its warm-up.
         let early = warmth(&readings(0.0, |at_s| warming(at_s - 600.0)), 900.0);
         assert!(matches!(early, Warmth::Changing { rise_c_per_min } if rise_c_per_min > 0.8), "{early:?}");
-        assert!(early.to_string().starts_with("it still warms up, by "), "{early}");
+        assert!(early.to_string().starts_with("the 3D camera still warms up, by "), "{early}");
         let film = warmth(&readings(0.0, |at_s| 40.0 - 0.005 * at_s), 900.0);
-        assert!(film.to_string().starts_with("it still cools down, by 0.30 °C a minute (limit 0.1 °C a minute)"));
+        assert!(
+            film.to_string()
+                .starts_with("the 3D camera still cools down, by 0.30 °C per minute (limit 0.1 °C per minute)")
+        );
     }
 
     #[test]
@@ -183,7 +191,7 @@ mod tests {
         let steady = |_: f64| 36.0;
         let short = warmth(&readings(330.0, steady), 900.0);
         assert_eq!(short, Warmth::NotFollowed { followed_s: 570.0 });
-        assert!(short.to_string().ends_with("followed for 9 of 10 min"), "{short}");
+        assert!(short.to_string().ends_with("recorded for 9 of 10 min"), "{short}");
         assert_eq!(warmth(&[], 900.0), Warmth::NotFollowed { followed_s: 0.0 });
         // In the first case the last reading is three minutes old; in the second there is a gap of three minutes
         // before the last five readings.
@@ -194,6 +202,6 @@ mod tests {
         // A rise of 0.1 °C a minute is exactly at the limit.
         let edge = warmth(&readings(0.0, |at_s| 30.0 + at_s / 600.0), 900.0);
         assert!(matches!(edge, Warmth::Unclear { .. }), "{edge:?}");
-        assert!(edge.to_string().contains("changes by 0.10 ± 0.01 °C a minute"), "{edge}");
+        assert!(edge.to_string().contains("changes by 0.10 ± 0.01 °C per minute"), "{edge}");
     }
 }

@@ -211,11 +211,11 @@ mod tests {
         let told = |bytes: &[u8], size| read(bytes, &[size]).expect_err("refused").to_string();
         assert_eq!(told(&[], 9), "the connection has ended");
         assert_eq!(told(&bytes[..30], 9), "the connection ended within the head of a frame");
-        assert_eq!(told(&bytes, 8), "a payload has 9 bytes, by its head it has 8");
+        assert_eq!(told(&bytes, 8), "a frame's payload has 9 bytes, but its head states 8 bytes");
         assert!(told(b"HTTP/1.1 200 OK and more of the same", 9).contains("[48, 54, 54, 50]"));
         let mut newer = bytes.clone();
         newer[4] = 3;
-        assert_eq!(told(&newer, 9), "the frames are of version 3, this program's of version 2");
+        assert_eq!(told(&newer, 9), "the received frames have the version 3, but this program uses version 2");
         let mut request = Vec::new();
         write(&mut request, (Kind::Request, 1), b"{}", &[]).expect("written");
         assert_eq!(told(&request, 0), "found a frame of kind 2, expected kind 3, a reply");

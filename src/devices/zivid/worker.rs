@@ -26,7 +26,7 @@ pub enum WorkerError {
     #[error("the daemon's request cannot be read: {0}")]
     Wire(#[from] WireError),
     /// A message that cannot be written.
-    #[error("an answer cannot be written: {0}")]
+    #[error("a response cannot be written: {0}")]
     Json(#[from] serde_json::Error),
 }
 
@@ -155,12 +155,13 @@ impl Worker {
     fn read(&mut self, usage: Use, yaml: &str, hash: SettingsHash) -> Result<Size, Refusal> {
         let found = settings_hash(yaml);
         if found != hash {
-            let message = format!("the settings' text has the hash {found}, announced was {hash}");
+            let message =
+                format!("the text of the settings has the hash {found}, but the hash {hash} was announced");
             return Err(Refusal { trouble: Trouble::Settings, message });
         }
         let failed = |error: std::io::Error| Refusal {
             trouble: Trouble::Settings,
-            message: format!("the settings cannot be handed to the SDK as a file: {error}"),
+            message: format!("the settings cannot be passed to the SDK as a file: {error}"),
         };
         // The SDK recognises the file's type by the ending.
         let mut file = tempfile::Builder::new().suffix(".yml").tempfile().map_err(failed)?;
@@ -192,7 +193,7 @@ impl Worker {
     }
 
     fn running(&mut self) -> Result<&mut Clip, Refusal> {
-        let none = || Refusal { trouble: Trouble::OutOfOrder, message: "no clip is being taken".to_owned() };
+        let none = || Refusal { trouble: Trouble::OutOfOrder, message: "no clip is being recorded".to_owned() };
         self.clip.as_mut().ok_or_else(none)
     }
 }

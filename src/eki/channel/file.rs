@@ -77,7 +77,7 @@ pub enum ChannelError {
     #[error("line {}: {}{}{}", .0.line, .0.key, if .0.key.is_empty() { "" } else { ": " }, .0.message)]
     Wrong(Problem),
     /// The file transfers bytes instead of tags.
-    #[error("line {line}: RAW channels carry bytes; this program speaks XML channels only")]
+    #[error("line {line}: found a RAW channel, which transfers bytes; this program supports only XML channels")]
     Raw {
         /// Line, from 1.
         line: usize,

@@ -102,11 +102,10 @@ pub(super) fn is_classic(root: &Node) -> Result<(), Problem> {
     let message = if found.eq_ignore_ascii_case("ETHERNETKRL") {
         return Ok(());
     } else if found == "Channel" && root.attribute("Version").is_some() {
-        "this is a channel of EthernetKRL 6 (iiQKA.OS2); KSS 8 reads the classic files, whose outermost element is \
-         ETHERNETKRL"
+        "the file is a channel of EthernetKRL 6 (iiQKA.OS2); KSS 8 reads only files with the root element ETHERNETKRL"
             .to_owned()
     } else {
-        format!("the outermost element is {found}; that of an EthernetKRL file is ETHERNETKRL")
+        format!("the root element is {found}; the root element of an EthernetKRL file is ETHERNETKRL")
     };
     Err(Problem { line: root.line, key: found.clone(), message })
 }
@@ -128,21 +127,25 @@ fn node(node: &Node, told: &mut BTreeSet<String>, found: &mut Findings) {
     attributes(node, known, told, found);
     match &known.text {
         Some(rule) if node.text.is_empty() => {
-            found.wrong(node.line, node.key(), format!("is empty; {} belongs there", allowed(rule)));
+            found.wrong(node.line, node.key(), format!("is empty; valid: {}", allowed(rule)));
         }
         Some(rule) => value(node.text_line, &node.path, &node.text, rule, found),
         None if node.text.is_empty() => {}
         None => found.unknown(
             node.text_line,
             node.key(),
-            format!("the text \"{}\" has no meaning here; a comment is written <!-- … -->", node.text),
+            format!("the text \"{}\" is not valid here; write a comment as <!-- … -->", node.text),
         ),
     }
     let mut seen = BTreeSet::new();
     for child in &node.children {
         let once = KNOWN.iter().any(|known| known.path == child.path && known.once);
         if once && !seen.insert(&child.path) {
-            found.wrong(child.line, child.key(), "appears twice; it is not known which one the controller uses");
+            found.wrong(
+                child.line,
+                child.key(),
+                "appears twice; it is not known which of the two elements the controller uses",
+            );
         }
         self::node(child, told, found);
     }
@@ -199,16 +202,16 @@ fn meant(written: &str, known: &[&str]) -> String {
     let nearest = known.iter().max_by(|a, b| closeness(a).total_cmp(&closeness(b)));
     match nearest {
         Some(name) if closeness(name) > 0.8 => format!("; did you mean {name}?"),
-        Some(_) => format!("; known here: {}", known.join(", ")),
-        None => "; no name is known here".to_owned(),
+        Some(_) => format!("; valid here: {}", known.join(", ")),
+        None => "; no name is valid here".to_owned(),
     }
 }
 
 fn spelling(line: usize, key: &str, written: &str, right: &str, told: &mut BTreeSet<String>, found: &mut Findings) {
     if written != right && told.insert(written.to_owned()) {
         let message = format!(
-            "written {written}, the manual writes {right}; it is not known whether the controller accepts \
-                     this"
+            "found {written}, but the manual writes {right}; it is not known whether the controller accepts this \
+             spelling"
         );
         found.warn(line, key, message);
     }
@@ -219,7 +222,9 @@ fn allowed(rule: &Rule) -> String {
         Rule::Words(words) => format!("one of {}", words.join(", ")),
         Rule::Number(low, high) => format!("a whole number {low} to {high}"),
         Rule::Free => "a value".to_owned(),
-        Rule::Codes => "1 to 32 codes of characters 0 to 255 such as 13,10, alternatives apart by |".to_owned(),
+        Rule::Codes => {
+            "1 to 32 character codes from 0 to 255, such as 13,10, with | between alternatives".to_owned()
+        }
     }
 }
 
@@ -235,7 +240,7 @@ fn value(line: usize, key: &str, value: &str, rule: &Rule, found: &mut Findings)
     };
     if !right {
         let is_axis = matches!(rule, Rule::Words(_)) && value.eq_ignore_ascii_case("AXIS");
-        let hint = if is_axis { "; axes travel as six REAL attributes or in a FRAME" } else { "" };
+        let hint = if is_axis { "; send axes as six REAL attributes or in a FRAME" } else { "" };
         found.wrong(line, key, format!("is \"{value}\"; valid: {}{hint}", allowed(rule)));
     }
 }

@@ -220,12 +220,12 @@ fn signals(node: &Node, tag: Option<&str>) -> Vec<Signal> {
 
 fn element(node: &Node, found: &mut Findings) -> Option<StatedElement> {
     let Some(tag) = node.attribute("Tag").filter(|tag| !tag.value.is_empty()) else {
-        found.wrong(node.line, node.key(), "has no Tag; an element without a path carries no data");
+        found.wrong(node.line, node.key(), "has no Tag; an element without this path transfers no data");
         return None;
     };
     if !is_path(&tag.value) {
         let key = format!("{}/@Tag", node.key());
-        let message = format!("is \"{}\"; a path is written Root/Child or Root/Child/@Attribute", tag.value);
+        let message = format!("is \"{}\"; write the path as Root/Child or Root/Child/@Attribute", tag.value);
         found.wrong(tag.line, key, message);
         return None;
     }

@@ -75,16 +75,16 @@ fn what_the_controller_would_refuse_is_named_with_its_line() {
         ),
         (
             file("", "<ELEMENT Tag=\"A/@B\" Type=\"AXIS\"/>"),
-            "line 4: RECEIVE/XML/ELEMENT[A/@B]/@Type: is \"AXIS\"; valid: one of STRING, REAL, INT, BOOL, FRAME; axes \
-             travel as six REAL attributes or in a FRAME",
+            "line 4: RECEIVE/XML/ELEMENT[A/@B]/@Type: is \"AXIS\"; valid: one of STRING, REAL, INT, BOOL, FRAME; send \
+             axes as six REAL attributes or in a FRAME",
         ),
         (
             file("", "<ELEMENT Type=\"INT\"/>"),
-            "line 4: RECEIVE/XML/ELEMENT: has no Tag; an element without a path carries no data",
+            "line 4: RECEIVE/XML/ELEMENT: has no Tag; an element without this path transfers no data",
         ),
         (
             file("", "<ELEMENT Tag=\"/A\"/>"),
-            "line 4: RECEIVE/XML/ELEMENT[/A]/@Tag: is \"/A\"; a path is written Root/Child or Root/Child/@Attribute",
+            "line 4: RECEIVE/XML/ELEMENT[/A]/@Tag: is \"/A\"; write the path as Root/Child or Root/Child/@Attribute",
         ),
         (
             file("", "<ELEMENT Tag=\"A\" tag=\"B\"/>"),
@@ -92,12 +92,13 @@ fn what_the_controller_would_refuse_is_named_with_its_line() {
         ),
         (
             "\n<EthernetKRL2></EthernetKRL2>".to_owned(),
-            "line 2: EthernetKRL2: the outermost element is EthernetKRL2; that of an EthernetKRL file is ETHERNETKRL",
+            "line 2: EthernetKRL2: the root element is EthernetKRL2; the root element of an EthernetKRL file is \
+             ETHERNETKRL",
         ),
         ("<ETHERNETKRL>\n<SEND>".to_owned(), "line 2: not XML: SEND is never closed"),
         (
             "<ETHERNETKRL><RECEIVE>\n<RAW><ELEMENT/></RAW></RECEIVE></ETHERNETKRL>".to_owned(),
-            "line 2: RAW channels carry bytes; this program speaks XML channels only",
+            "line 2: found a RAW channel, which transfers bytes; this program supports only XML channels",
         ),
     ];
     for (text, verdict) in cases {

@@ -75,10 +75,7 @@ pub(super) fn tree(text: &str) -> Result<Node, Problem> {
         let line = line_of(text, at);
         match event {
             Event::Start(tag) | Event::Empty(tag) if open.is_empty() && root.is_some() => {
-                return Err(not_xml(
-                    line,
-                    &format!("{} is after the end of the file's only element", tag.name().0),
-                ));
+                return Err(not_xml(line, &format!("{} follows the end of the root element", tag.name().0)));
             }
             Event::Start(tag) => {
                 open.push(node(text, at, &tag, open.last())?);
@@ -95,14 +92,16 @@ pub(super) fn tree(text: &str) -> Result<Node, Problem> {
             Event::Text(content) => add_text(text, at, &content, &mut open)?,
             Event::CData(content) => add_text(text, at, &content, &mut open)?,
             Event::GeneralRef(name) => add_text(text, at, &format!("&{};", &*name), &mut open)?,
-            Event::DocType(_) => return Err(not_xml(line, "a document type has no place in such a file")),
+            Event::DocType(_) => {
+                return Err(not_xml(line, "a document type (DOCTYPE) is not valid in a channel file"));
+            }
             Event::Eof => break,
             Event::Comment(_) | Event::Decl(_) | Event::PI(_) => {}
         }
     }
     match (open.last(), root) {
         (Some(node), _) => Err(not_xml(node.line, &format!("{} is never closed", node.name))),
-        (None, None) => Err(not_xml(1, "the file holds no element")),
+        (None, None) => Err(not_xml(1, "the file contains no element")),
         (None, Some(root)) => Ok(root),
     }
 }

@@ -49,15 +49,16 @@ pub enum QueueError {
     #[error("there is no connection to the controller")]
     NotConnected,
     /// A new epoch would begin while the robot moves.
-    #[error("the robot still moves; abort, and wait for its standstill")]
+    #[error("the robot is still moving; abort the motion, and wait for standstill")]
     NotStanding,
     /// No epoch is open.
-    #[error("no epoch is open; after a start, a stop or a fault one must be opened first")]
+    #[error("no epoch is open; open a new epoch after each start, stop or fault")]
     NoEpoch,
     /// The next epoch is too far above the controller's epoch.
     #[error(
-        "the next epoch would be {next} and the controller counts {found}; at most {most} more can be reached. Has the \
-         controller been replaced? Deselect its programs, set CELL_EP there to {above}, and start it cold"
+        "the next epoch would be {next}, but the controller is in epoch {found}, and at most {most} more can be \
+         reached. If the controller was replaced: deselect its programs, set CELL_EP on the controller to {above}, and \
+         perform a cold start"
     )]
     EpochTooFar {
         /// The next epoch, from the epochs opened before.
@@ -70,7 +71,7 @@ pub enum QueueError {
         above: u64,
     },
     /// Linear motions need both frames, base and tool.
-    #[error("move_lin needs base and tool set in this epoch; {missing} was not")]
+    #[error("move_lin needs base and tool to be set in this epoch; {missing} is not set")]
     FramesNotSet {
         /// What is missing.
         #[serde(deserialize_with = "word")]
@@ -80,14 +81,16 @@ pub enum QueueError {
     #[error("the path has no points")]
     EmptyPath,
     /// Too many commands.
-    #[error("the epoch would have more than {most} commands; open another")]
+    #[error("the epoch would have more than {most} commands; open a new epoch")]
     IdsExhausted {
         /// The last id.
         most: u32,
     },
     /// The correction of the arm needs the axis angles at the point, and the point cannot be reached with any axis
     /// angles.
-    #[error("no axis angles lead to point {point}, so that the correction of the arm cannot be applied to it")]
+    #[error(
+        "point {point} cannot be reached with any axis angles, so the robot correction cannot be applied to this point"
+    )]
     Uncorrected {
         /// From 1.
         point: usize,

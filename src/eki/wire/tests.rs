@@ -133,16 +133,16 @@ fn hostile_acknowledgements_get_exact_verdicts() {
         (with(" Free=\"97\"", ""), "Ack/@Free is missing".to_owned()),
         (with("Rx=\"20\"", ""), "Ack/@Rx is missing".into()),
         (with("Rx=\"20\"", "Rx=\"20\" Rx=\"20\""), "Ack/@Rx appears twice".into()),
-        (with("Rx=\"20\"", "Rx=\"20\" Ry=\"1\""), "Ack/@Ry is not in the channel's file".into()),
-        (with("Rx=", "rx="), "Ack/@rx is not in the channel's file".into()),
+        (with("Rx=\"20\"", "Rx=\"20\" Ry=\"1\""), "Ack/@Ry is not defined in the channel's file".into()),
+        (with("Rx=", "rx="), "Ack/@rx is not defined in the channel's file".into()),
         (with("Rx=\"20\"", "Rx=\"\""), "Ack/@Rx is empty: it was not set on the controller".into()),
-        (with("Rx=\"20\"", "Rx=\" 20\""), "Ack/@Rx is \" 20\", which is no whole number".into()),
-        (with("Rx=\"20\"", "Rx=\"+20\""), "Ack/@Rx is \"+20\", which is no whole number".into()),
-        (with("Rx=\"20\"", "Rx=\"20.0\""), "Ack/@Rx is \"20.0\", which is no whole number".into()),
-        (with("Rx=\"20\"", "Rx=\"2e1\""), "Ack/@Rx is \"2e1\", which is no whole number".into()),
-        (with("Rx=\"20\"", "Rx=\"0x14\""), "Ack/@Rx is \"0x14\", which is no whole number".into()),
-        (with("Rx=\"20\"", "Rx=\"TRUE\""), "Ack/@Rx is \"TRUE\", which is no whole number".into()),
-        (with("Rx=\"20\"", "Rx=\"-\""), "Ack/@Rx is \"-\", which is no whole number".into()),
+        (with("Rx=\"20\"", "Rx=\" 20\""), "Ack/@Rx is \" 20\", which is not a whole number".into()),
+        (with("Rx=\"20\"", "Rx=\"+20\""), "Ack/@Rx is \"+20\", which is not a whole number".into()),
+        (with("Rx=\"20\"", "Rx=\"20.0\""), "Ack/@Rx is \"20.0\", which is not a whole number".into()),
+        (with("Rx=\"20\"", "Rx=\"2e1\""), "Ack/@Rx is \"2e1\", which is not a whole number".into()),
+        (with("Rx=\"20\"", "Rx=\"0x14\""), "Ack/@Rx is \"0x14\", which is not a whole number".into()),
+        (with("Rx=\"20\"", "Rx=\"TRUE\""), "Ack/@Rx is \"TRUE\", which is not a whole number".into()),
+        (with("Rx=\"20\"", "Rx=\"-\""), "Ack/@Rx is \"-\", which is not a whole number".into()),
         (with("Rx=\"20\"", "Rx=\"-1\""), format!("Ack/@Rx is -1; the limits are {range}")),
         (with("Rx=\"20\"", "Rx=\"2147483648\""), format!("Ack/@Rx is 2147483648; the limits are {range}")),
         (
@@ -151,14 +151,14 @@ fn hostile_acknowledgements_get_exact_verdicts() {
         ),
         (with("Err=\"0\"", "Err=\"13\""), "Ack/@Err is 13; the limits are 0 to 12".into()),
         (with("<Ack ", "<St ").replace("</Ack>", "</St>"), "the document is <St>, expected <Ack>".into()),
-        (with("</Ack>", "<A></A></Ack>"), "the element Ack/A is not in the channel's file".into()),
+        (with("</Ack>", "<A></A></Ack>"), "the element Ack/A is not defined in the channel's file".into()),
         (with("</Ack>", "x</Ack>"), "text inside <Ack>, which may contain only elements".into()),
         (with("</Ack>", "&lt;</Ack>"), "an entity inside <Ack>, which may contain only elements".into()),
         (with("</Ack>", "<!-- --></Ack>"), "a comment inside <Ack>, which may contain only elements".into()),
         (with("</Ack>", "<![CDATA[]]></Ack>"), "CDATA inside <Ack>, which may contain only elements".into()),
         (with("</Ack>", "<?x y?></Ack>"), "an instruction inside <Ack>, which may contain only elements".into()),
         (format!("<!DOCTYPE a>{ACK_TEXT}"), "a document type inside <>, which may contain only elements".into()),
-        (format!("{ACK_TEXT}{ACK_TEXT}"), "a second root <Ack> behind the first".into()),
+        (format!("{ACK_TEXT}{ACK_TEXT}"), "a second root element, <Ack>, follows the first".into()),
         (String::new(), "Ack/@Rx is missing".into()),
     ];
     for (document, verdict) in cases {
@@ -173,7 +173,7 @@ fn hostile_states_get_exact_verdicts() {
         assert!(STATE_TEXT.contains(old), "{old}");
         STATE_TEXT.replacen(old, new, 1)
     };
-    let number = |found: &str| format!("St/J/@A1 is \"{found}\", which is no number such as -12.345678");
+    let number = |found: &str| format!("St/J/@A1 is \"{found}\", which is not a number such as -12.345678");
     let range = "the limits are -3600 to 3600";
     let a1 = |value: &str| with("A1=\"4.999516\"", &format!("A1=\"{value}\""));
     let joints_start = STATE_TEXT.find("<J ").expect("joints");
@@ -209,9 +209,9 @@ fn hostile_states_get_exact_verdicts() {
         ),
         (with(joints, ""), "St/J/@A1 is missing".into()),
         (with(joints, &format!("{joints}{joints}")), "the element St/J appears twice".into()),
-        (with("<J ", "<J B1=\"0\" "), "St/J/@B1 is not in the channel's file".into()),
-        (with("<J ", "<J X=\"0\" "), "St/J/@X is not in the channel's file".into()),
-        (with("</J>", "<J></J></J>"), "the element St/J/J is not in the channel's file".into()),
+        (with("<J ", "<J B1=\"0\" "), "St/J/@B1 is not defined in the channel's file".into()),
+        (with("<J ", "<J X=\"0\" "), "St/J/@X is not defined in the channel's file".into()),
+        (with("</J>", "<J></J></J>"), "the element St/J/J is not defined in the channel's file".into()),
         (with("</Tool>", "</Tool>stop"), "text inside <St>, which may contain only elements".into()),
         (ACK_TEXT.to_owned(), "the document is <Ack>, expected <St>".into()),
     ];

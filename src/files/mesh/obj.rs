@@ -56,7 +56,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<TriangleMesh, MeshFileError> {
             Some(word) if UNUSED.contains(&word) => {}
             Some(word) => {
                 return Err(refuse(format!(
-                    "'{}' is no statement of a mesh; export the panel as a mesh of triangles",
+                    "'{}' is not a statement of a mesh; export the panel as a mesh of triangles",
                     word.chars().take(20).collect::<String>()
                 )));
             }
@@ -76,6 +76,6 @@ fn vertex(word: &str, count: usize) -> Result<u32, String> {
         0 => None,
         _ => count.checked_sub(usize::try_from(number.unsigned_abs()).ok()?),
     });
-    let allowed = || format!("'{word}' names no vertex; valid: 1 to {count}, or -1 to -{count}");
+    let allowed = || format!("'{word}' is not the number of a vertex; valid: 1 to {count}, or -1 to -{count}");
     index.filter(|&index| index < count).map(|index| index as u32).ok_or_else(allowed)
 }

@@ -75,7 +75,7 @@ pub(super) fn read_binary(bytes: &[u8]) -> Result<TriangleMesh, MeshFileError> {
         };
         let triangle = [12, 24, 36].map(|at| [number(at), number(at + 4), number(at + 8)]);
         if !triangle.iter().flatten().all(|number| number.is_finite()) {
-            let problem = "a coordinate is infinite or no number; export the file again".to_owned();
+            let problem = "a coordinate is infinite or not a number; export the file again".to_owned();
             return Err(MeshFileError::Record { what: "triangle", number: index + 1, problem });
         }
         corners.push(triangle);
@@ -119,8 +119,7 @@ pub(super) fn read_text(bytes: &[u8]) -> Result<TriangleMesh, MeshFileError> {
             "endloop" if is_in_loop => {
                 let found = facet.len();
                 let triangle = <[[f64; 3]; 3]>::try_from(std::mem::take(&mut facet));
-                corners
-                    .push(triangle.map_err(|_| refuse(format!("the facet has {found} vertices, 3 are needed")))?);
+                corners.push(triangle.map_err(|_| refuse(format!("the facet has {found} vertices, expected 3")))?);
                 is_in_loop = false;
             }
             "endsolid" if is_in_solid && !is_in_loop => is_in_solid = false,

@@ -120,8 +120,8 @@ fn each_refusal_names_the_place_what_was_found_and_what_is_allowed() {
         (good().replacen("1 2 3", "1 2,5 3", 1), "line 9: y is '2,5'; valid: a number or nan"),
         (good().replacen("1 2 3 66051\n", "1 2 3\n", 1), "line 9: found 3 numbers, expected 4"),
         (good().replacen("66051", "-1", 1), "line 9: rgb is '-1'; valid: a whole number"),
-        (good().replace("F U", "F F"), "line 9: rgb is '66051', which is no packed float"),
-        (good().replace("F U", "F F").replace("66051", "nan"), "line 9: rgb is 'nan', which is no packed float"),
+        (good().replace("F U", "F F"), "line 9: rgb is '66051', which is not a packed float"),
+        (good().replace("F U", "F F").replace("66051", "nan"), "line 9: rgb is 'nan', which is not a packed float"),
         (good().replacen("1 2 3 66051\n", "", 1), "4 points were expected, found 3"),
         (good().trim_end().to_owned(), "4 points were expected, found 3"),
         (good() + "1 2 3 4\n", "8 bytes follow the last point"),
@@ -153,7 +153,7 @@ fn absurd_sizes_are_refused_at_once() {
         good()
             .replace("WIDTH 2\nHEIGHT 2\nPOINTS 4", &format!("WIDTH {size}\nHEIGHT {size}\nPOINTS {}", size * size))
     };
-    assert!(refusal(big(1 << 20).as_bytes()).contains("(limits 64 bytes a point, 268435456 bytes"));
+    assert!(refusal(big(1 << 20).as_bytes()).contains("(limits 64 bytes per point, 268435456 bytes"));
     assert!(refusal(big(u64::from(u32::MAX)).as_bytes()).contains("(limits 64 bytes"));
     assert!(refusal(big(4_000).as_bytes()).contains("16000000 points were expected, found 4"));
     let wide = good().replace("WIDTH", "COUNT 1 1 1 18446744073709551615\nWIDTH");
@@ -162,7 +162,7 @@ fn absurd_sizes_are_refused_at_once() {
     let data =
         [&packed.as_bytes()[..packed.find("binary_compressed\n").expect("there") + 18], &[16, 0, 0, 0]].concat();
     let data = [&data[..], &256_000_000_u32.to_le_bytes(), &[0; 16]].concat();
-    assert!(refusal(&data).contains("16 bytes cannot hold 256000000"));
+    assert!(refusal(&data).contains("16 packed bytes cannot contain 256000000 unpacked bytes"));
 }
 
 #[test]
@@ -171,7 +171,7 @@ fn damaged_compressed_data_are_refused() {
     bytes[198] = 0xff; // the first packed byte: a reference to before the beginning
     assert!(refusal(&bytes).contains("from byte 190 on cannot be unpacked"), "{}", refusal(&bytes));
     bytes[194] ^= 1;
-    assert!(refusal(&bytes).contains("it states 19201 bytes, the points need 19200"));
+    assert!(refusal(&bytes).contains("the data state 19201 unpacked bytes, but the points need 19200"));
 }
 
 proptest! {
@@ -227,9 +227,9 @@ fn sizes_are_judged_before_points_are_unpacked() {
     };
     let words = |bytes: &[u8]| super::read_pcd(bytes, &camera(1_944, 1_200)).expect_err("refused").to_string();
     let larger = words(&file(4, 4_000, 4_000));
-    assert_eq!(larger, "the cloud is 4000×4000, the camera's calibration is for 1944×1200");
+    assert_eq!(larger, "the cloud is 4000×4000 px, but the camera's calibration is for 1944×1200 px");
     let wider = words(&file(100, 1_944, 1_200));
-    assert!(wider.contains("2332800 points of 400 bytes (limits 64 bytes a point"), "{wider}");
+    assert!(wider.contains("2332800 points of 400 bytes (limits 64 bytes per point"), "{wider}");
     assert!(words(&file(4, 1_944, 1_200)).contains("cannot be unpacked"));
 }
 

@@ -169,9 +169,9 @@ fn a_size_is_judged_before_pixels_are_unpacked() {
     let words = |result: Result<(), PictureError>| result.expect_err("refused").to_string();
     let file = large(20_000, 20_000);
     let of_camera = words(read_measured(&file, &camera(1_944, 1_200)).map(drop));
-    assert_eq!(of_camera, "the picture is 20000×20000, the camera's calibration is for 1944×1200");
+    assert_eq!(of_camera, "the picture is 20000×20000 px, but the camera's calibration is for 1944×1200 px");
     assert_eq!(words(read_color_of(&file, &camera(1_944, 1_200)).map(drop)), of_camera);
-    let of_any = "the picture is 20000×20000, 400000000 pixels; at most 33554432 are unpacked";
+    let of_any = "the picture is 20000×20000, 400000000 pixels (limit 33554432 pixels)";
     assert_eq!(words(read_color(&file).map(drop)), of_any);
     assert_eq!(words(read_gray(&file).map(drop)), of_any);
     // With an allowed size the same header is refused by the decoder.

@@ -146,9 +146,9 @@ impl Header {
             }
             ["property", "list", ..] => return Err("list properties of a vertex are not supported"),
             ["property", kind, name] if self.elements == 1 => {
-                let number = Number::named(kind).ok_or("allowed types are char … double and int8 … float64")?;
+                let number = Number::named(kind).ok_or("valid types: char … double and int8 … float64")?;
                 if self.properties.iter().any(|(known, _)| known == name) {
-                    return Err("this property already exists");
+                    return Err("this property is defined twice");
                 }
                 self.properties.push((name.to_owned(), number));
             }
@@ -159,7 +159,7 @@ impl Header {
 
     pub fn size(&self) -> Result<Option<(u64, u64)>, CloudFileError> {
         let missing = |name| {
-            let allowed = "both, comment width W and comment height H, or neither";
+            let allowed = "both comment width W and comment height H, or neither of the two";
             Err(CloudFileError::Field { name, found: "none".to_owned(), allowed })
         };
         match (self.width, self.height) {

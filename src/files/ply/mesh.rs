@@ -67,7 +67,7 @@ pub(in crate::files) fn read_ply_mesh(bytes: &[u8]) -> Result<TriangleMesh, Mesh
     }
     let Some(element) = header.later.first() else { return Err(MeshFileError::Empty) };
     if element.name != "face" {
-        let problem = format!("the second element is {}, 'face' is needed", element.name);
+        let problem = format!("the second element is {}, expected 'face'", element.name);
         return Err(MeshFileError::Line { line, problem });
     }
     if element.count > MAX_TRIANGLES as u64 {
@@ -89,7 +89,7 @@ pub(in crate::files) fn read_ply_mesh(bytes: &[u8]) -> Result<TriangleMesh, Mesh
         }
         values.end()?;
         if !point.iter().all(|number| number.is_finite()) {
-            return Err(values.wrong("a coordinate is infinite or no number"));
+            return Err(values.wrong("a coordinate is infinite or not a number"));
         }
         mesh.vertices.push(point);
     }
@@ -108,7 +108,9 @@ pub(in crate::files) fn read_ply_mesh(bytes: &[u8]) -> Result<TriangleMesh, Mesh
                     for _ in 0..count as usize {
                         let corner = values.next(item)?;
                         if !(0.0..vertices as f64).contains(&corner) || corner.fract() != 0.0 {
-                            return Err(values.wrong(&format!("vertex {corner} of {vertices} does not exist")));
+                            return Err(values.wrong(&format!(
+                                "vertex {corner} does not exist; the file has {vertices} vertices"
+                            )));
                         }
                         corners.push(corner as u32);
                     }
@@ -129,20 +131,24 @@ pub(in crate::files) fn read_ply_mesh(bytes: &[u8]) -> Result<TriangleMesh, Mesh
 }
 
 fn face_properties(element: &LaterElement) -> Result<Vec<FaceProperty>, String> {
-    let number = |word: &str| Number::named(word).ok_or_else(|| format!("'{word}' is no type of a number"));
+    let number = |word: &str| Number::named(word).ok_or_else(|| format!("'{word}' is not a number type of PLY"));
     let property = |words: &Vec<String>| match words.iter().map(String::as_str).collect::<Vec<_>>()[..] {
         ["list", count, item, "vertex_indices" | "vertex_index"] => {
             Ok(FaceProperty::Corners(number(count)?, number(item)?))
         }
         ["list", _, _, name] => {
-            Err(format!("the list '{name}' of the faces is not read; export the mesh without it"))
+            Err(format!("the list property '{name}' of the faces is not supported; export the mesh without it"))
         }
         [kind, _] => Ok(FaceProperty::Other(number(kind)?)),
-        _ => Err("a property of the faces is not readable".to_owned()),
+        _ => Err("a property line of the faces is not valid".to_owned()),
     };
     let properties = element.properties.iter().map(property).collect::<Result<Vec<_>, _>>()?;
     let lists = properties.iter().filter(|property| matches!(property, FaceProperty::Corners(..))).count();
-    if lists == 1 { Ok(properties) } else { Err("the faces need one list, vertex_indices".to_owned()) }
+    if lists == 1 {
+        Ok(properties)
+    } else {
+        Err("the faces need exactly one list property, vertex_indices".to_owned())
+    }
 }
 
 /// The data after the header.
@@ -167,11 +173,11 @@ impl<'a> Source<'a> {
             Source::Text { rest, line } => {
                 *line += 1;
                 let Some(end) = rest.iter().position(|&byte| byte == b'\n') else {
-                    return Err(MeshFileError::Ends { line: *line, expected: "the last line's end" });
+                    return Err(MeshFileError::Ends { line: *line, expected: "the end of the last line" });
                 };
                 let (text, after) = rest.split_at(end + 1);
                 *rest = after;
-                let problem = "this is no text".to_owned();
+                let problem = "the line is not UTF-8 text".to_owned();
                 let text = std::str::from_utf8(text).map_err(|_| MeshFileError::Line { line: *line, problem })?;
                 Ok(Values { words: Some(text.split_ascii_whitespace()), rest: None, what, number: *line })
             }

@@ -69,17 +69,14 @@ fn binary_with_doubles_and_more_elements() {
 #[test]
 fn each_refusal_names_the_place_what_was_found_and_what_is_allowed() {
     let cases = [
-        (
-            good().replace("vertex 4", "vertex 3"),
-            "counts 3 points for a picture of 2×2; export it as an ordered cloud",
-        ),
+        (good().replace("vertex 4", "vertex 3"), "states 3 points for a picture of 2×2; export an ordered cloud"),
         (good().replace("made by hand", "width 4\ncomment height 1"), "not organised (4×1)"),
         (good().replace("made by hand", "width 2"), "field comment height: found none"),
         (good().replace("made by hand", "width 2x"), "line 3, 'comment width 2x': valid: a whole number"),
         (good().replace("ascii", "binary_big_endian"), "line 2, 'format binary_big_endian 1.0': valid:"),
         (good().replace("vertex 4", "vertex -4"), "line 4, 'element vertex -4': valid: a whole number"),
         (good().replace("vertex 4", "face 4"), "the first element must be vertex"),
-        (good().replace("float y", "float x"), "line 6, 'property float x': this property already exists"),
+        (good().replace("float y", "float x"), "line 6, 'property float x': this property is defined twice"),
         (good().replace("float y", "real y"), "line 6, 'property real y': allowed types"),
         (good().replace("float y", "list uchar int y"), "list properties of a vertex are not supported"),
         (good().replace("float y", "int y"), "field y: found another type; valid: float or double"),
@@ -94,13 +91,13 @@ fn each_refusal_names_the_place_what_was_found_and_what_is_allowed() {
         ("ply\nformat ascii 1.0\n".to_owned(), "it has no header that ends in a line 'end_header'"),
         (
             good().replace("vertex 4", "vertex 6").replace("made by hand", "width 3\ncomment height 2"),
-            "the cloud is 3×2, the camera's calibration is for 2×2",
+            "the cloud is 3×2 px, but the camera's calibration is for 2×2 px",
         ),
         (
             good()
                 .replace("vertex 4", "vertex 64000000")
                 .replace("made by hand", "width 8000\ncomment height 8000"),
-            "64000000 points of 23 bytes (limits 128 bytes a point, 268435456",
+            "64000000 points of 23 bytes (limits 128 bytes per point, 268435456",
         ),
     ];
     for (file, expected) in cases {

@@ -55,18 +55,18 @@ fn each_fault_ends_it_by_its_name() {
         lost(&session).to_string()
     };
     let says = |bytes: &'static [u8]| move |session: &mut Session| session.received(bytes, Time::at_ms(9));
-    assert_eq!(ends(&|session| drop(session.tick(Time::at_ms(103)))), "it has not answered for 100 ms");
-    assert!(ends(&says(b"1041 1 2 1 0k")).starts_with("id 1041 answered, but the request was for id 1040"));
+    assert_eq!(ends(&|session| drop(session.tick(Time::at_ms(103)))), "the tool has not replied for 100 ms");
+    assert!(ends(&says(b"1041 1 2 1 0k")).starts_with("tool id 1041 replied, but the request was for id 1040"));
     assert_eq!(
         ends(&says(b"hellok")),
-        "its answer is not a reply: 1 fields, a reply has five: id, force, position, contact, error"
+        "the tool's reply is not valid: the reply has 1 fields instead of five: id, force, position, contact, error"
     );
-    assert_eq!(ends(&says(b"1040 1 2 1 0k1040 1 2 1 0k")), "it sent data without a request");
+    assert_eq!(ends(&says(b"1040 1 2 1 0k1040 1 2 1 0k")), "the tool sent data without a request");
     assert!(ends(&says(&[b'1'; 200])).contains("bytes without an end"));
     let mut session = session();
     session.connected(Time::at_ms(0));
     session.received(b"nok", Time::at_ms(1));
-    assert!(lost(&session).to_string().contains("log-in word with \"n\""), "{:?}", lost(&session));
+    assert!(lost(&session).to_string().contains("log-in text with \"n\""), "{:?}", lost(&session));
     session.connected(Time::at_ms(0));
     session.tick(Time::at_ms(1_000));
     assert_eq!(lost(&session), &Loss::Silent { ms: 1_000 });

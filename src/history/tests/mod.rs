@@ -118,7 +118,10 @@ fn two_cycles_are_compared_check_by_check_and_grid_by_grid() {
     let words = grid("r1c2").cycles.map(|past| past.map(|past| past.words()).unwrap_or_default());
     assert_eq!(
         words,
-        ["failed first after 5.1 s, abraded once, passed at the end", "passed first, passed at the end"]
+        [
+            "failed first after 5.1 s, abraded once, passed in the last film",
+            "passed first, passed in the last film"
+        ]
     );
     assert_eq!(
         told.grids.iter().map(|pair| pair.grid.as_str()).collect::<Vec<_>>(),

@@ -373,7 +373,7 @@ fn starts_of(held: &[(PixelPosition, Patch)], window: &Window) -> Vec<u32> {
 /// Returns the pixels of the window for which `holds`, and the gaps of one pixel between them.
 fn closed(window: &Window, holds: impl Fn(usize) -> bool) -> Result<Vec<bool>, ImagingError> {
     let bytes: Vec<u8> = (0..window.width * window.height).map(|index| u8::from(holds(index))).collect();
-    named("closing the region's mask", closed_bytes(window, &bytes))
+    named("the closing of the region's mask", closed_bytes(window, &bytes))
 }
 
 fn closed_bytes(window: &Window, bytes: &[u8]) -> opencv::Result<Vec<bool>> {

@@ -30,33 +30,37 @@ pub(super) fn shown(flaw: Flaw, worst: f64, observation: &Observation, settings:
     match flaw {
         Flaw::Darker => {
             format!(
-                "the light is up to {worst} % less than the dry picture's (limit {limit} %); keep the lamp steady"
+                "the light is up to {worst} % weaker than in the dry picture (limit {limit} %); keep the lamp \
+                 steady"
             )
         }
         Flaw::Brighter => format!(
-            "the light is up to {worst} % more than the dry picture's (limit {limit} %, beyond which it could be a \
-             film that broke all over); keep the lamp steady and other light away"
+            "the light is up to {worst} % stronger than in the dry picture (limit {limit} %; beyond it, a film \
+             that broke everywhere cannot be excluded); keep the lamp steady and shield other light"
         ),
         Flaw::Flicker => format!(
-            "the light goes up and down by {worst} % from picture to picture while the surroundings of the panel \
-             became much darker or brighter; it is not known whether lamp or water caused this; set the exposure \
-             to a multiple of 10 ms if the mains have 50 Hz and of 8.33 ms at 60 Hz, or use a lamp that does not \
-             flicker"
+            "the light varies by {worst} % from picture to picture while the surroundings of the panel became much \
+             darker or brighter; it is unknown whether lamp or water caused this; set the exposure to a multiple \
+             of 10 ms for 50 Hz mains or of 8.33 ms for 60 Hz, or use a lamp that does not flicker"
         ),
         Flaw::Bright => format!("up to {worst} % of the region is overexposed (limit {limit} %)"),
         Flaw::Moved => {
-            format!("the panel lies up to {worst} px from its place in the first picture (limit {limit} px)")
+            format!("the panel is up to {worst} px from its position in the first picture (limit {limit} px)")
         }
-        Flaw::Focus => format!("the panel's edge has as little as {worst} of its first sharpness (needed {limit})"),
+        Flaw::Focus => format!(
+            "the sharpness of the panel's edge falls to {worst} of its first value (at least {limit} is needed)"
+        ),
         Flaw::Outline => format!(
-            "as little as {worst} % of the panel's outline can be seen (at least {limit} % are needed), so it is \
-             not known whether it moved; give it contrast to its surroundings, in any colour"
+            "only {worst} % of the panel's outline is visible (at least {limit} % are needed), so a movement of \
+             the panel cannot be detected; use surroundings with more contrast to the panel, in any colour"
         ),
         Flaw::OutlineDisagrees => {
-            "the visible parts of the panel's outline do not agree on its place, so it is not known whether it \
-             moved; give it contrast to its surroundings, in any colour"
+            "the visible parts of the panel's outline do not agree on its position, so a movement of the panel \
+             cannot be detected; use surroundings with more contrast to the panel, in any colour"
                 .to_owned()
         }
-        Flaw::Frozen => "they are bit for bit the picture before; the camera is frozen".to_owned(),
+        Flaw::Frozen => {
+            "the picture is bit-identical to the picture before; the camera's image stream is frozen".to_owned()
+        }
     }
 }

@@ -104,8 +104,8 @@ fn the_limit_that_was_broken_is_named() {
     quality.flawed[Flaw::Focus as usize] = Flawed { pictures: 1, worst: 0.4 };
     let judgement = judge(&Observation { quality, ..good() }, &[], &DEMANDS, &inspect_table("")).judgement;
     let message = &judgement.reasons[0].message;
-    let told = "3 of 10 wet pictures cannot be used, the longest time without a usable one is 6.0 s (limit 5 s); in 2 of \
-                them the light is up to 36.4 % more than the dry picture's (limit 33.3 %";
+    let told = "3 of 10 wet pictures cannot be used, and the longest time without a usable picture is 6.0 s (limit 5 s); \
+                in 2 of them the light is up to 36.4 % stronger than in the dry picture (limit 33.3 %";
     assert!(message.starts_with(told), "{message}");
 }
 
@@ -123,8 +123,8 @@ fn an_outline_that_does_not_agree_is_told_from_one_that_is_not_seen() {
     };
     assert!(
         told(Flaw::Outline, 24.0)
-            .contains("as little as 24 % of the panel's outline can be seen (at least 25 % are needed)")
+            .contains("only 24 % of the panel's outline is visible (at least 25 % are needed)")
     );
     let disagrees = told(Flaw::OutlineDisagrees, 0.0);
-    assert!(disagrees.contains("the visible parts of the panel's outline do not agree on its place"));
+    assert!(disagrees.contains("the visible parts of the panel's outline do not agree on its position"));
 }

@@ -180,7 +180,7 @@ fn truth_makes_grids_fail_by_the_same_rule() {
 fn bad_pictures_are_refused_with_what_is_wrong() {
     let mut watch = watch(0.0, SHARP);
     let wrong = watch.push(&ColorPicture::filled(80, 60, WET), 0.0, Phase::Wet).expect_err("half the size");
-    assert!(wrong.to_string().contains("80×60 px; the camera was calibrated for 160×120"), "{wrong}");
+    assert!(wrong.to_string().contains("80×60 px, but the camera was calibrated for 160×120"), "{wrong}");
     watch.push(&picture(&[]), 1.0, Phase::Spray).expect("first");
     for (time_s, phase) in [(1.0, Phase::Wet), (f64::NAN, Phase::Wet), (2.0, Phase::Dry)] {
         assert!(watch.push(&picture(&[]), time_s, phase).is_err(), "{time_s} {phase}");

@@ -49,13 +49,13 @@ impl Compiler<'_> {
                 let jump = self.emit(Op::Jump(0));
                 match self.exits.last_mut() {
                     Some(exits) => exits.push(jump),
-                    None => self.problem("EXIT", "EXIT leaves a loop, and there is none around it"),
+                    None => self.problem("EXIT", "EXIT is valid only inside a loop"),
                 }
             }
             Action::Return(value) => self.return_value(value.as_ref()),
             Action::Label(_) => {}
             Action::Goto(_) => self.not_executed("GOTO"),
-            Action::NotRead => self.not_executed("a statement that was not read"),
+            Action::NotRead => self.not_executed("a statement that was not parsed"),
             _ => self.of_the_robot(&statement.action),
         }
     }
@@ -140,7 +140,11 @@ impl Compiler<'_> {
             self.value(value, Type::Unknown);
             return;
         };
-        self.check_writable(&to.name, &found, "this is never written by a program: a constant, or read only");
+        self.check_writable(
+            &to.name,
+            &found,
+            "a program cannot write this variable: it is a constant, or read-only",
+        );
         self.ranges.remove(&to.name);
         if !found.dimensions.is_empty() {
             return self.assign_array(to, value, &found.dimensions, found.kind);
@@ -161,10 +165,10 @@ impl Compiler<'_> {
         if kind == Type::Unknown {
             self.not_executed(&to.name);
         } else if kind != Type::Char || !is_text {
-            self.problem(&to.name, "an array as a whole cannot be assigned; an index is missing");
+            self.problem(&to.name, "a whole array cannot be assigned; add an index");
         }
         if given == Type::Char || to.steps.len() > 1 {
-            self.not_executed("a text in a variable");
+            self.not_executed("a string in a variable");
         }
         let cells = cells_u32(self.types.cells(kind, dimensions));
         self.emit(Op::StoreText(cells));
@@ -184,7 +188,7 @@ impl Compiler<'_> {
         let kind = self.value(condition, Type::Bool);
         if ![Type::Bool, Type::Unknown].contains(&kind) {
             let name = self.types.name(kind);
-            self.problem("", format!("a condition is BOOL; this is {name}"));
+            self.problem("", format!("a condition must be BOOL, found {name}"));
         }
         self.emit(Op::JumpIfNot(0))
     }
@@ -210,7 +214,7 @@ impl Compiler<'_> {
         self.emit(Op::Store);
         if !matches!(kind, Type::Int | Type::Char | Type::Enumeration(_) | Type::Unknown) {
             let name = self.types.name(kind);
-            self.problem("SWITCH", format!("SWITCH needs an INT, CHAR or ENUM value; this is {name}"));
+            self.problem("SWITCH", format!("SWITCH needs an INT, CHAR or ENUM value, found {name}"));
         }
         let mut ends = Vec::new();
         for case in cases {
@@ -264,7 +268,7 @@ impl Compiler<'_> {
         self.mark(line);
         let kind = self.value(&Expression::Variable(variable.clone()), Type::Int);
         if !is_int(kind) {
-            self.problem(&variable.name, "the counter of FOR is an INT");
+            self.problem(&variable.name, "the counter of FOR must be an INT");
         }
         self.emit(Op::LoadLocal(last));
         self.emit(Op::LoadLocal(by));
@@ -313,13 +317,17 @@ impl Compiler<'_> {
             (Some(value), Some(kind)) => {
                 self.typed_value(value, kind, "RETURN");
                 if kind == Type::Text {
-                    self.not_executed("a text that a function returns");
+                    self.not_executed("a string as the return value of a function");
                 }
                 let cells = cells_u32(self.types.size(kind));
                 self.emit(Op::Return(cells));
             }
-            (Some(_), None) => self.problem("RETURN", "a DEF returns no value; a DEFFCT does"),
-            (None, Some(_)) => self.problem("RETURN", "the value is missing that this DEFFCT returns"),
+            (Some(_), None) => {
+                self.problem("RETURN", "a DEF routine cannot return a value; define a function with DEFFCT")
+            }
+            (None, Some(_)) => {
+                self.problem("RETURN", "RETURN needs a value, because this routine is a function (DEFFCT)")
+            }
         }
     }
 }

@@ -19,10 +19,12 @@ impl Compiler<'_> {
         self.not_executed(&call.name);
         if let Some(other) = self.routine_places.get(&call.name).and_then(|places| places.first()) {
             let file = &self.files[self.routines[*other].file].name;
-            let message = format!("{file} has it for itself only; it needs GLOBAL before DEF");
+            let message = format!(
+                "this routine is local to {file}; to call it from other files, write GLOBAL before its DEF"
+            );
             self.warn_once(&call.name, message);
         } else {
-            self.warn_once(&call.name, "this routine is defined in none of the files named; name its file, too");
+            self.warn_once(&call.name, "this routine is defined in none of the given files; add its file");
         }
         call.arguments.iter().flatten().for_each(|given| self.any(given));
         Some(Type::Unknown)
@@ -39,7 +41,7 @@ impl Compiler<'_> {
         let signature = &self.routines[index];
         let (given, wanted, returns) = (call.arguments.len(), signature.arguments.len(), signature.returns);
         if given > wanted {
-            self.problem(&call.name, format!("{given} arguments are given, {wanted} are expected"));
+            self.problem(&call.name, format!("found {given} arguments, expected {wanted}"));
         }
         if given != wanted || call.arguments.contains(&None) {
             // The routine uses VARSTATE to find which arguments were given.
@@ -72,7 +74,7 @@ impl Compiler<'_> {
             return self.typed_value(given, wanted.kind, &wanted.name);
         }
         let Expression::Variable(place) = given else {
-            let message = format!("{routine} needs a variable for this argument (:OUT); a value is given");
+            let message = format!("{routine} needs a variable for this argument (:OUT), found a value");
             self.warn(&wanted.name, message);
             self.not_executed(routine);
             self.value(given, wanted.kind);
@@ -83,23 +85,25 @@ impl Compiler<'_> {
             // It is not checked whether the routine writes the argument.
             self.warn(
                 &place.name,
-                format!("{routine} needs a variable for this argument; this one cannot be written"),
+                format!(
+                    "{routine} needs a variable for this argument, but this variable is a constant or read-only"
+                ),
             );
             self.not_executed(routine);
         }
         self.same_variable(place, found.kind, wanted.kind);
         if found.dimensions.len() != wanted.dimensions.len() {
-            self.problem(&place.name, "an array is handed over as NAME[ ], and only if one is expected");
+            self.problem(&place.name, "pass an array as NAME[ ], and only to an array parameter");
         }
     }
 
     /// Compiles a text, or an array as a whole, that is passed by value.
     fn array_by_value(&mut self, given: &Expression, wanted: &Argument) {
-        self.not_executed("an array by value");
+        self.not_executed("an array that is passed by value");
         let found = match given {
             Expression::Variable(place) => match self.address(place) {
                 Some(found) if found.dimensions.is_empty() && found.kind != Type::Unknown => {
-                    return self.problem(&place.name, "an array is expected here, handed over as NAME[ ]");
+                    return self.problem(&place.name, "expected an array; pass it as NAME[ ]");
                 }
                 Some(found) => found.kind,
                 None => return,
@@ -120,7 +124,7 @@ impl Compiler<'_> {
         }
         self.not_executed(&place.name);
         let (given, needed) = (self.types.name(found), self.types.name(wanted));
-        let message = format!("a variable of type {needed} is expected, this one is {given}");
+        let message = format!("expected a variable of type {needed}, found {given}");
         let is_number = |kind: Type| matches!(kind, Type::Int | Type::Real | Type::Char);
         if self.types.are_alike(found, wanted) || (is_number(found) && is_number(wanted)) {
             self.warn(&place.name, message);
@@ -131,13 +135,16 @@ impl Compiler<'_> {
 
     fn call_known(&mut self, call: &Call, known: &'static Known, wanted: Type) -> Option<Type> {
         if known.of_ethernet_krl_6 {
-            self.warn_once(&call.name, "belongs to EthernetKRL 6 (iiQKA.OS2); KSS 8 does not have it");
+            self.warn_once(
+                &call.name,
+                "this name belongs to EthernetKRL 6 (iiQKA.OS2) and does not exist in KSS 8",
+            );
         }
         let (given, most) = (call.arguments.len(), known.wants.len());
         if given > most && !known.open {
-            self.problem(&call.name, format!("{given} arguments are given, {most} are expected"));
+            self.problem(&call.name, format!("found {given} arguments, expected {most}"));
         } else if given < known.least {
-            self.warn(&call.name, format!("{given} arguments are given, {} are expected", known.least));
+            self.warn(&call.name, format!("found {given} arguments, expected {}", known.least));
         }
         for (place, given) in call.arguments.iter().enumerate() {
             let Some(given) = given else { continue };
@@ -157,7 +164,8 @@ impl Compiler<'_> {
         let of_6 = self.files[self.file].of_ethernet_krl_6;
         if known.returns == Some("EKI_STATUS") && (of_6 || wanted == Type::Int) {
             if !of_6 {
-                let message = "returns an INT in EthernetKRL 6 (iiQKA.OS2) only; with KSS 8 it is an EKI_STATUS";
+                let message = "this function returns an INT only in EthernetKRL 6 (iiQKA.OS2); in KSS 8, it returns an \
+                               EKI_STATUS";
                 self.warn_once(&call.name, message);
             }
             self.not_executed(&call.name);
@@ -172,7 +180,10 @@ impl Compiler<'_> {
         let index = text.split_once('[').and_then(|(_, behind)| behind.split_once(']')).map(|(index, _)| index);
         let is_number = |index: &str| index.chars().all(|c| c.is_ascii_digit() || matches!(c, ',' | ' '));
         if known.builtin == Some(Builtin::Varstate) && index.is_some_and(|index| !is_number(index)) {
-            let message = format!("the text \"{text}\" is a name, not an expression: write the index as a number");
+            let message = format!(
+                "VARSTATE takes the name of a variable, and \"{text}\" contains an expression: write the index as a \
+                 number"
+            );
             self.problem(&call.name, message);
         }
     }
@@ -198,7 +209,7 @@ impl Compiler<'_> {
                 if self.types.is_pose(kind) {
                     self.emit(Op::Keep { first: 6, of: cells });
                 } else if kind != Type::Unknown {
-                    self.problem(&call.name, "a FRAME, POS or E6POS is expected");
+                    self.problem(&call.name, "expected a FRAME, POS or E6POS");
                 }
             }
             Wants::Value(name) => {
@@ -212,7 +223,7 @@ impl Compiler<'_> {
     fn known_variable(&mut self, call: &Call, given: &Expression, name: &str) {
         let kind = self.types.own(name);
         let Expression::Variable(place) = given else {
-            let message = format!("a variable of type {name} is expected");
+            let message = format!("expected a variable of type {name}");
             self.value(given, kind);
             return self.problem(&call.name, message);
         };
@@ -225,7 +236,11 @@ impl Compiler<'_> {
         } else {
             self.same_variable(place, found.kind, kind);
         }
-        self.check_writable(&place.name, &found, "this variable is never written, and the call writes it");
+        self.check_writable(
+            &place.name,
+            &found,
+            "the call writes this variable, but the variable is a constant or read-only",
+        );
     }
 }
 

@@ -184,10 +184,10 @@ impl Compiler<'_> {
     pub(super) fn check_name(&mut self, name: &str) {
         if name.len() > MAX_NAME_LENGTH {
             let length = name.len();
-            self.problem(name, format!("the name has {length} characters; KRL allows {MAX_NAME_LENGTH}"));
+            self.problem(name, format!("the name has {length} characters (limit {MAX_NAME_LENGTH})"));
         }
         if RESERVED.binary_search(&name).is_ok() {
-            self.problem(name, "this is a word of KRL itself; choose another name");
+            self.problem(name, "the name is a reserved word of KRL; choose another name");
         }
     }
 
@@ -208,9 +208,9 @@ impl Compiler<'_> {
         self.warn_once(
             name,
             if self.types.is_hidden(name) {
-                "this type is declared for another module only; declared GLOBAL all see it"
+                "this type is visible only in another module; declare the type GLOBAL to make it visible to all modules"
             } else {
-                "this type is declared in none of the files named; name the file that declares it, too"
+                "this type is declared in none of the given files; add the file with its declaration"
             },
         );
         Type::Unknown

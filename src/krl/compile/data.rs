@@ -26,7 +26,7 @@ impl Compiler<'_> {
             Some(Cell::Int(size)) if size >= 1 => usize::try_from(size).unwrap_or(1),
             None if self.may_be_constant(size) => 0,
             _ => {
-                self.problem("", "an array's size is a whole number of at least 1 that is known before the start");
+                self.problem("", "the size of an array must be a constant whole number of at least 1");
                 1
             }
         }
@@ -121,7 +121,10 @@ impl Compiler<'_> {
         constant: bool,
     ) {
         if declaration.global && !data.public && !is_seen_everywhere(data) {
-            self.warn(&items[0].name, "GLOBAL needs a data list that is PUBLIC: other programs may not see this");
+            self.warn(
+                &items[0].name,
+                "GLOBAL needs a PUBLIC data list; otherwise, other programs may not see this variable",
+            );
         }
         for item in items {
             self.check_name(&item.name);
@@ -181,7 +184,7 @@ impl Compiler<'_> {
         if other.file != file && (own_list || is_of_controller(other.file)) {
             self.warn(
                 name,
-                format!("this name is declared in one of the controller's own data lists, too: {place}"),
+                format!("this name is also declared in one of the controller's own data lists: {place}"),
             );
         } else {
             self.problem(name, format!("this name is declared twice: {place}"));
@@ -216,7 +219,7 @@ impl Compiler<'_> {
         let Some(Cell::Int(number)) = self.constant(number) else { return None };
         let count = system::SYSTEM_VARIABLES[index].count;
         if !usize::try_from(number).is_ok_and(|number| (1..=count).contains(&number)) {
-            self.problem(&place.name, format!("the index {number} is outside of the array, 1 to {count}"));
+            self.problem(&place.name, format!("the index {number} is outside of the array (valid: 1 to {count})"));
             return None;
         }
         Some((u16::try_from(index).ok()?, number))
@@ -236,7 +239,10 @@ impl Compiler<'_> {
             let Declared::Variables { constant: true, items, .. } = &declaration.kind else { continue };
             self.line = declaration.line;
             for item in items.iter().filter(|item| item.value.is_none() && !valued.contains(item.name.as_str())) {
-                self.warn(&item.name, "a CONST without a value: give it one in its declaration or below");
+                self.warn(
+                    &item.name,
+                    "the CONST has no value: assign a value in its declaration or in a later line",
+                );
             }
         }
     }
@@ -246,7 +252,10 @@ impl Compiler<'_> {
         self.statement = u32::MAX;
         let Some(variable) = self.shared_variable(&to.name).cloned() else {
             if !to.name.starts_with('$') {
-                self.warn_once(&to.name, "not checked: a value for a name that none of the files named declares");
+                self.warn_once(
+                    &to.name,
+                    "not checked: a value is assigned to a name that none of the given files declares",
+                );
             }
             return;
         };
@@ -317,7 +326,7 @@ impl Compiler<'_> {
             };
             let inside = usize::try_from(index).ok().filter(|index| *index >= 1 && (count == 0 || *index <= count));
             let Some(inside) = inside else {
-                self.problem(name, format!("the index {index} is outside of the array, 1 to {count}"));
+                self.problem(name, format!("the index {index} is outside of the array (valid: 1 to {count})"));
                 return None;
             };
             offset = offset.saturating_mul(count).saturating_add(inside - 1);
@@ -337,7 +346,10 @@ impl Compiler<'_> {
                 let cells = self.types.cells(kind, &dimensions);
                 let length = text.chars().count();
                 if length > cells && !dimensions.contains(&0) {
-                    self.warn(name, format!("the text has {length} characters, the variable {cells}"));
+                    self.warn(
+                        name,
+                        format!("the string has {length} characters, but the variable has only {cells}"),
+                    );
                 }
                 // At run time a character is one byte.
                 let bytes = text.chars().map(|character| u8::try_from(u32::from(character)).unwrap_or(b'?'));
@@ -374,7 +386,7 @@ impl Compiler<'_> {
         }
         if self.types.struc(kind).is_none() {
             let type_name = self.types.name(kind);
-            return self.problem(name, format!("components are given, but {type_name} is expected"));
+            return self.problem(name, format!("expected {type_name}, found components in braces"));
         }
         for (place, value) in parts {
             let Some(component) = self.component_of(name, kind, &place.name) else { continue };
@@ -405,10 +417,10 @@ impl Compiler<'_> {
             (Some(cell @ Cell::Bool(_)), Type::Bool) => cell,
             (Some(_), _) => {
                 let type_name = self.types.name(kind);
-                return self.problem(name, format!("a first value of type {type_name} is expected"));
+                return self.problem(name, format!("expected an initial value of type {type_name}"));
             }
             (None, _) => {
-                let message = "not checked: a first value that is not known before the start";
+                let message = "not checked: the initial value is not a constant";
                 return self.warn(name, message);
             }
         };

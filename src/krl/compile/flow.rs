@@ -68,7 +68,7 @@ pub(super) fn check(compiler: &mut Compiler<'_>, routine: &Routine, signature: &
     let ends = flow.block(&routine.body, Some(Set::default()));
     if ends.is_some() && signature.returns.is_some() {
         compiler.line = routine.end_line;
-        compiler.warn(&routine.name, "a way through this function may end without RETURN");
+        compiler.warn(&routine.name, "a path through this function may end without RETURN");
     }
 }
 
@@ -227,7 +227,7 @@ impl Flow<'_, '_> {
         if !now.contains(number) && !self.reported.contains(number) {
             // Once for each variable: its other uses have the same cause.
             self.reported.insert(number);
-            self.compiler.warn(name, "this local variable may be read here before it was given a value");
+            self.compiler.warn(name, "this local variable may be read here before a value is assigned to it");
         }
     }
 

@@ -55,8 +55,8 @@ impl Compiler<'_> {
                 if let Some(Cleared { by, line: cleared_at, .. }) = found {
                     self.line = line;
                     let message = format!(
-                        "{by} (line {cleared_at}) has emptied this memory, and nothing waits in between: wait for \
-                         the flag of the element, or call EKI_CheckBuffer"
+                        "{by} (line {cleared_at}) emptied the memory that is read here, and the program does not wait \
+                         for new data in between: wait for the flag of the element, or call EKI_CheckBuffer"
                     );
                     self.problem(&call.name, message);
                 }

@@ -10,7 +10,7 @@ impl Compiler<'_> {
     pub(super) fn motion(&mut self, motion: &MotionStatement) {
         let is_submit = self.files[self.file].name.to_lowercase().ends_with(".sub");
         if is_submit {
-            self.problem(motion.word, "a submit program may not move the robot");
+            self.problem(motion.word, "a submit program must not move the robot");
         }
         self.settings(&motion.with);
         if let Some(auxiliary) = &motion.auxiliary {
@@ -43,7 +43,7 @@ impl Compiler<'_> {
         }
         if kind != Type::Unknown && !self.types.is_pose(kind) && !(axes && path == PathKind::Joint) {
             let name = self.types.name(kind);
-            self.problem("", format!("{name} is no target of this motion"));
+            self.problem("", format!("{name} is not a valid target for this motion"));
         }
         axes
     }
@@ -100,7 +100,10 @@ impl Compiler<'_> {
         for (name, line) in jumps {
             if !first.contains_key(name) {
                 self.line = line;
-                self.problem(name, "GOTO leads to a label of its own routine; there is none of this name");
+                self.problem(
+                    name,
+                    "GOTO needs a label in the same routine, but the routine has no label of this name",
+                );
             }
         }
     }

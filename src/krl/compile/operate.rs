@@ -61,10 +61,12 @@ impl Compiler<'_> {
     fn mismatch(&mut self, operator: Binary, left: Type, right: Type) -> Type {
         let (left, right) = (self.types.name(left), self.types.name(right));
         let hint = match operator {
-            Binary::And | Binary::Or | Binary::Exor => "; in KRL comparisons bind weaker: put them in brackets",
+            Binary::And | Binary::Or | Binary::Exor => {
+                "; in KRL, comparisons have a lower precedence: put each comparison in brackets"
+            }
             _ => "",
         };
-        self.problem(sign(operator), format!("this does not go between {left} and {right}{hint}"));
+        self.problem(sign(operator), format!("this operator is not valid between {left} and {right}{hint}"));
         Type::Unknown
     }
 

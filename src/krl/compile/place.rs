@@ -58,15 +58,16 @@ impl Compiler<'_> {
         let message = if let Some(file) = hidden {
             let other = &self.files[file].name;
             format!(
-                "only the program that belongs to {other} sees this; declare it GLOBAL in a PUBLIC list to \
-                     make it visible to all programs"
+                "this name is visible only in the program of {other}; to make it visible to all programs, declare it \
+                 GLOBAL in a PUBLIC data list"
             )
         } else if VARIABLES_OF_ETHERNET_KRL_6.contains(&name) {
-            "belongs to EthernetKRL 6 (iiQKA.OS2); KSS 8 does not have it".to_owned()
+            "this name belongs to EthernetKRL 6 (iiQKA.OS2) and does not exist in KSS 8".to_owned()
         } else if name.starts_with('$') {
-            "this system variable is not among those that are known here; see KUKA's list for your KSS".to_owned()
+            "this program does not know this system variable; look it up in KUKA's list for your KSS version"
+                .to_owned()
         } else {
-            "declared in none of the files named; name the file that declares it, too".to_owned()
+            "this name is declared in none of the given files; add the file with its declaration".to_owned()
         };
         self.warn_once(name, message);
     }
@@ -75,10 +76,11 @@ impl Compiler<'_> {
         let row = SYSTEM_VARIABLES[index];
         let kss = self.kss.unwrap_or(LOWEST_KSS);
         if row.since > kss.minor {
-            let message = format!("KSS {kss} has no such variable (from 8.{} on)", row.since);
+            let message =
+                format!("KSS {kss} does not have this system variable (available from 8.{} on)", row.since);
             match self.kss {
                 Some(_) => self.problem(row.name, message),
-                None => self.warn_once(row.name, format!("{message}; name your controller's version with --kss")),
+                None => self.warn_once(row.name, format!("{message}; state your controller's version with --kss")),
             }
         }
         Variable {
@@ -150,11 +152,14 @@ impl Compiler<'_> {
         let type_name = self.types.name(kind);
         if is_kukas && !is_complete {
             let key = format!("{variable}.{name}");
-            self.warn_once(&key, format!("not checked: of {type_name}, this program knows only {known}"));
+            self.warn_once(
+                &key,
+                format!("not checked: of {type_name}, this program knows only the components {known}"),
+            );
             self.not_executed(&key);
             return None;
         }
-        let known = if known.is_empty() { String::new() } else { format!("; it has {known}") };
+        let known = if known.is_empty() { String::new() } else { format!("; its components are {known}") };
         self.problem(variable, format!("{type_name} has no component {name}{known}"));
         None
     }
@@ -197,7 +202,7 @@ impl Compiler<'_> {
         }
         if indices.len() != found.dimensions.len() {
             let (given, has) = (indices.len(), found.dimensions.len());
-            self.problem(variable, format!("{given} indices are given, the variable has {has}"));
+            self.problem(variable, format!("found {given} indices, expected {has}"));
             return None;
         }
         let size = self.types.size(found.kind);
@@ -227,7 +232,7 @@ impl Compiler<'_> {
         }
         let is_outside =
             |index: &i32| usize::try_from(*index).is_ok_and(|index| !(1..=count).contains(&index)) || *index < 1;
-        let message = |index: i32| format!("the index {index} is outside of the array, 1 to {count}");
+        let message = |index: i32| format!("the index {index} is outside of the array (valid: 1 to {count})");
         if let Some(Cell::Int(index)) = self.constant(index) {
             if is_outside(&index) {
                 self.problem(variable, message(index));

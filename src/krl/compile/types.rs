@@ -72,7 +72,7 @@ impl<'a> Compiler<'a> {
     fn report_taken(&mut self, is_free: bool, name: &str) {
         let in_own_list = self.files[self.file].data.as_ref().is_some_and(is_seen_everywhere);
         if !is_free && !in_own_list {
-            self.problem(name, "a type of this name is declared already");
+            self.problem(name, "a type of this name is already declared");
         }
     }
 
@@ -117,7 +117,8 @@ impl<'a> Compiler<'a> {
             let named: Vec<&str> = struc.components.iter().map(|(type_name, _)| type_name.as_str()).collect();
             let mut named: Vec<&str> = named.into_iter().filter(|name| by_name.contains_key(name)).collect();
             named.dedup();
-            let message = format!("structures declared by each other: {} names {}", struc.name, named.join(", "));
+            let message =
+                format!("structures must not contain each other: {} contains {}", struc.name, named.join(", "));
             self.problem(struc.name, message);
             self.types.add_struc(struc.scope, struc.name, Vec::new());
         }
@@ -145,7 +146,7 @@ impl<'a> Compiler<'a> {
         if cells > ARRAY_VALUES {
             self.problem(
                 struc.name,
-                format!("the structure has more than {ARRAY_VALUES} values; limit of this program"),
+                format!("the structure has more than {ARRAY_VALUES} values, the limit of this program"),
             );
             placed.clear();
         }

@@ -28,7 +28,7 @@ impl Compiler<'_> {
             Expression::Unary(operator, inner) => self.unary(*operator, inner),
             Expression::Binary(operator, left, right) => self.binary(*operator, left, right),
             Expression::Channel => self.unknown("a channel"),
-            Expression::NotRead => self.unknown("an expression that was not read"),
+            Expression::NotRead => self.unknown("an expression that was not parsed"),
         }
     }
 
@@ -85,7 +85,10 @@ impl Compiler<'_> {
             self.types.enumeration(kind).map_or((false, String::new()), |known| (known.kuka, known.listed()));
         let (key, name) = (format!("#{word}"), self.types.name(kind));
         if is_kukas {
-            self.warn_once(&key, format!("not checked: of {name}, this program knows only {known}"));
+            self.warn_once(
+                &key,
+                format!("not checked: of the enumeration {name}, this program knows only the constants {known}"),
+            );
         } else {
             let known = if known.is_empty() { String::new() } else { format!("; its constants are {known}") };
             self.problem(&key, format!("this is not a constant of the enumeration {name}{known}"));
@@ -100,15 +103,15 @@ impl Compiler<'_> {
             return found.kind;
         }
         if found.kind == Type::Char {
-            self.not_executed("a text in a variable");
+            self.not_executed("a string in a variable");
             return Type::Text;
         }
         if found.kind != Type::Unknown {
             let is_written = place.steps.iter().any(|step| matches!(step, Step::Index(_)));
             let message = if is_written {
-                "an array as a whole is no value"
+                "a whole array cannot be used as a value"
             } else {
-                "an array as a whole is no value; an index is missing"
+                "a whole array cannot be used as a value; add an index"
             };
             self.problem(&place.name, message);
         }
@@ -140,12 +143,12 @@ impl Compiler<'_> {
         let Some(size) = self.types.struc(kind).map(|struc| struc.size.max(struc.components.len())) else {
             if kind != Type::Unknown {
                 let name = self.types.name(kind);
-                self.problem("{", format!("components are given, but {name} is expected"));
+                self.problem("{", format!("expected {name}, found components in braces"));
             }
             parts.iter().for_each(|(_, value)| {
                 self.value(value, Type::Unknown);
             });
-            return self.unknown("components of a type that is not known");
+            return self.unknown("components of an unknown type");
         };
         let is_wide = size > AGGREGATE_VALUES;
         if is_wide {
@@ -212,7 +215,7 @@ impl Compiler<'_> {
         }
         if kind != Type::Unknown && !allowed.contains(&kind) {
             let name = self.types.name(kind);
-            self.problem(sign, format!("{sign} does not go with {name}"));
+            self.problem(sign, format!("the operator {sign} is not valid for {name}"));
             return Type::Unknown;
         }
         kind
@@ -236,10 +239,10 @@ impl Compiler<'_> {
                 self.emit(Op::ToInt);
             }
             (Type::Int, Type::Char) | (Type::Char, Type::Int | Type::Real) | (Type::Text, Type::Char) => {
-                self.not_executed("a CHAR from another type");
+                self.not_executed("a conversion between CHAR and another type");
             }
             // One character instead of a text.
-            (Type::Char, Type::Text) => self.not_executed("a text in a variable"),
+            (Type::Char, Type::Text) => self.not_executed("a string in a variable"),
             _ if self.types.are_alike(found, wanted) => self.resize(found, wanted),
             _ => self.mismatched(found, wanted, key),
         }
@@ -258,6 +261,6 @@ impl Compiler<'_> {
 
     pub(super) fn mismatched(&mut self, found: Type, wanted: Type, key: &str) {
         let (found, wanted) = (self.types.name(found), self.types.name(wanted));
-        self.problem(key, format!("{wanted} is expected, {found} is given"));
+        self.problem(key, format!("expected {wanted}, found {found}"));
     }
 }

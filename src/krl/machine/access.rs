@@ -93,8 +93,15 @@ impl Interpreter {
         memory: &mut Memory,
         host: &mut dyn Host,
     ) -> Result<(), Wrong> {
-        let at = self.stack.len().checked_sub(cells).filter(|at| *at > 0).ok_or("the stack is empty")?;
-        let Cell::Address(address) = self.stack[at - 1] else { return Err("an address is missing".into()) };
+        let at = self
+            .stack
+            .len()
+            .checked_sub(cells)
+            .filter(|at| *at > 0)
+            .ok_or("internal error of the KRL interpreter: its stack is empty")?;
+        let Cell::Address(address) = self.stack[at - 1] else {
+            return Err("internal error of the KRL interpreter: an address is missing".into());
+        };
         let to = address.offset as usize..address.offset as usize + cells;
         let plain = match address.space {
             Space::Global if !keeps_rest => memory.cells.get_mut(to),
@@ -126,7 +133,9 @@ impl Interpreter {
         let text = self.pop_text(program)?;
         let address = self.pop_address()?;
         if text.len() > cells as usize {
-            return Err(format!("the text has {} characters, the variable {cells}", text.len()).into());
+            return Err(
+                format!("the string has {} characters, but the variable has only {cells}", text.len()).into()
+            );
         }
         for cell in 0..cells {
             let value = text.as_bytes().get(cell as usize).map_or(Cell::Unset, |byte| Cell::Char(*byte));

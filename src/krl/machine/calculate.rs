@@ -12,7 +12,7 @@ pub(super) fn binary(operator: Binary, left: Cell, right: Cell) -> Result<Cell, 
         (Cell::Bool(left), Cell::Bool(right)) => bool(operator, left, right),
         (Cell::Word(left), Cell::Word(right)) => compare(operator, left.cmp(&right)),
         (Cell::Char(left), Cell::Char(right)) => compare(operator, left.cmp(&right)),
-        _ => Err("a value is invalid: it was never assigned".into()),
+        _ => Err("a variable is used before a value is assigned to the variable".into()),
     }
 }
 
@@ -28,7 +28,9 @@ fn int(operator: Binary, left: i32, right: i32) -> Result<Cell, Wrong> {
         Binary::BitExor => Some(left ^ right),
         _ => return compare(operator, left.cmp(&right)),
     };
-    result.map(Cell::Int).ok_or_else(|| format!("the result of {left} and {right} does not fit into an INT").into())
+    result
+        .map(Cell::Int)
+        .ok_or_else(|| format!("the result of an operation on {left} and {right} does not fit into an INT").into())
 }
 
 fn real(operator: Binary, left: f32, right: f32) -> Result<Cell, Wrong> {
@@ -49,7 +51,7 @@ fn bool(operator: Binary, left: bool, right: bool) -> Result<Cell, Wrong> {
         Binary::Or => left || right,
         Binary::Exor | Binary::Unequal => left != right,
         Binary::Equal => left == right,
-        _ => return Err("this operator does not go with BOOL".into()),
+        _ => return Err("this operator is not valid for BOOL values".into()),
     }))
 }
 
@@ -61,7 +63,7 @@ fn compare(operator: Binary, order: std::cmp::Ordering) -> Result<Cell, Wrong> {
         Binary::AtMost => order.is_le(),
         Binary::Greater => order.is_gt(),
         Binary::AtLeast => order.is_ge(),
-        _ => return Err("this operator does not go with these values".into()),
+        _ => return Err("this operator is not valid for values of this type".into()),
     }))
 }
 

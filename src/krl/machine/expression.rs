@@ -68,7 +68,7 @@ impl Interpreter {
             Start::Space(space) => Address { space, offset: place.offset },
             Start::Referred(cell) => match self.cells.get(base + cell as usize) {
                 Some(Cell::Address(address)) => Address { offset: address.offset + place.offset, ..*address },
-                _ => return Err("an address is missing".into()),
+                _ => return Err("internal error of the KRL interpreter: an address is missing".into()),
             },
         };
         if let Some(index) = place.index {
@@ -77,7 +77,7 @@ impl Interpreter {
             };
             let count = index.count;
             if number < 1 || number.cast_unsigned() > count {
-                return Err(format!("the index {number} is outside of the array, 1 to {count}").into());
+                return Err(format!("the index {number} is outside of the array (valid: 1 to {count})").into());
             }
             address.offset += (number.cast_unsigned() - 1) * index.size;
         }

@@ -20,7 +20,7 @@ impl Interpreter {
     pub(super) fn declare(&mut self, number: i32, global: bool, call: u32) -> Result<(), Wrong> {
         let allowed = (1..=39).contains(&number) || (81..=128).contains(&number);
         if !allowed {
-            return Err(format!("interrupt {number} does not exist; 1 to 39 and 81 to 128 do").into());
+            return Err(format!("interrupt {number} does not exist (valid: 1 to 39 and 81 to 128)").into());
         }
         let declared_in = self.frames.len() - 1;
         // A second declaration of a number replaces the first, as on the controller.
@@ -119,7 +119,7 @@ impl Interpreter {
         }
         match self.op(op, program, memory, host)? {
             Flow::Next => Ok(()),
-            Flow::Wait | Flow::Ended => Err("an interrupt's condition may not wait".into()),
+            Flow::Wait | Flow::Ended => Err("the condition of an interrupt must not wait".into()),
         }
     }
 
@@ -201,7 +201,11 @@ impl Interpreter {
 
     pub(super) fn end_interrupt(&mut self) -> Result<Flow, Wrong> {
         if self.braked == Some(true) {
-            return Err("the program would continue the motion that was braked, which is not modelled".into());
+            return Err(
+                "an interrupt program ended after BRAKE without RESUME; this interpreter does not support continuing \
+                 the braked motion"
+                    .into(),
+            );
         }
         let frame = self.frames.pop().ok_or("no interrupt runs")?;
         self.stack.truncate(frame.height);
@@ -225,10 +229,12 @@ impl Interpreter {
         let innermost = innermost.ok_or("RESUME is valid only in an interrupt program")?;
         let declared_in = self.frames[innermost].broke_in.as_ref().map_or(0, |broke_in| broke_in.declared_in);
         if self.meaning.resume_needs_advance_0 && host.advance() != 0 {
-            return Err("RESUME with $ADVANCE other than 0".into());
+            return Err("RESUME needs $ADVANCE = 0".into());
         }
         let below = self.frames.get(declared_in + 1).filter(|frame| frame.broke_in.is_none()).cloned();
-        let below = below.ok_or("RESUME: the program is at the level that declared the interrupt")?;
+        let below = below.ok_or(
+            "RESUME is not valid at the level that declared the interrupt, only in a routine called from there",
+        )?;
         let broken = self.frames[declared_in + 1..].iter().filter(|frame| frame.broke_in.is_some()).count();
         self.frames.truncate(declared_in + 1);
         self.saved.truncate(self.saved.len().saturating_sub(broken));

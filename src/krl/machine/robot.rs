@@ -18,7 +18,7 @@ impl Interpreter {
     ) -> Result<Flow, Wrong> {
         // The submit interpreter runs beside every program, also while the drives are off.
         if !self.moves && !matches!(op, Op::WaitSeconds | Op::Continue) {
-            return Err("the submit interpreter has no motions and no interrupts".into());
+            return Err("motions and interrupts are not valid in the submit interpreter".into());
         }
         match *op {
             Op::WaitSeconds => return self.wait_seconds(host),
@@ -39,7 +39,7 @@ impl Interpreter {
                         return Ok(Flow::Wait);
                     }
                     if self.in_interrupt() {
-                        return Err("a motion inside of an interrupt is not modelled".into());
+                        return Err("this interpreter does not support a motion in an interrupt program".into());
                     }
                     let target = numbers(self.pop_block()?)?;
                     let request = MotionRequest { motion, axes, target, approximates };
@@ -72,7 +72,7 @@ impl Interpreter {
                 let (_priority, delay, distance) = (self.pop_int()?, self.pop_real()?, self.pop_int()?);
                 // An error and not an approximation: a trigger at another moment switches the tool at another place.
                 if distance != 1 || delay != 0.0 {
-                    return Err("only TRIGGER WHEN DISTANCE=1 DELAY=0 is modelled".into());
+                    return Err("this interpreter supports only TRIGGER WHEN DISTANCE=1 DELAY=0".into());
                 }
                 let base = self.frames.last().map_or(0, |frame| frame.base);
                 self.armed.push(Trigger { sequence: None, call: self.at + 1, base });
@@ -93,9 +93,13 @@ impl Interpreter {
                 }
             }
             Op::Resume => return self.resume(host),
-            Op::Halt => return Err("HALT: the program waits for Start, which is not modelled".into()),
+            Op::Halt => {
+                return Err(
+                    "HALT: the program waits for the Start key, which this interpreter does not support".into()
+                );
+            }
             Op::Continue => self.keeps_going = Some(program.statements[self.statement].line),
-            _ => return Err("a step that is not known".into()),
+            _ => return Err("internal error of the KRL interpreter: an unknown operation".into()),
         }
         self.at += 1;
         Ok(Flow::Next)
@@ -134,7 +138,7 @@ impl Interpreter {
                 self.pop_real()?;
                 let what = self.pop()?;
                 if what != Cell::Word(0) {
-                    return Err("only BAS(#INITMOV,0) is modelled".into());
+                    return Err("this interpreter supports only BAS(#INITMOV,0)".into());
                 }
                 host.init_motion();
             }
@@ -154,7 +158,7 @@ impl Interpreter {
                 self.pop_address()?;
                 self.pop()?;
                 if self.read(mode, memory, host)? == Cell::Unset {
-                    return Err("MODE was never assigned".into());
+                    return Err("the argument MODE of CWRITE was never assigned a value".into());
                 }
                 host.command(text)?;
             }
@@ -178,7 +182,7 @@ impl Interpreter {
                 let address = self.pop_address()?;
                 // EthernetKRL refuses such a variable, and a program that works only here would stop on the controller.
                 if self.read(address, memory, host)? == Cell::Unset {
-                    return Err("the variable of EKI_Get must hold a value before".into());
+                    return Err("a variable must have a value before it is passed to an EKI_Get function".into());
                 }
                 into = Some(address);
             }
@@ -220,7 +224,7 @@ pub(super) fn numbers(cells: [Cell; 6]) -> Result<[f32; 6], Wrong> {
     for (number, cell) in found.iter_mut().zip(cells) {
         match cell {
             Cell::Real(value) => *number = value,
-            _ => return Err("a component of the frame or of the axes is invalid: it was never assigned".into()),
+            _ => return Err("a component of the frame or of the axes was never assigned a value".into()),
         }
     }
     Ok(found)

@@ -5,12 +5,12 @@ use super::super::program::Program;
 use super::interpreter::Interpreter;
 use super::outcome::Wrong;
 
-pub(super) const INVALID: &str = "a value is invalid: it was never assigned";
+pub(super) const INVALID: &str = "a variable is used before a value is assigned to the variable";
 
 impl Interpreter {
     #[inline]
     pub(super) fn pop(&mut self) -> Result<Cell, Wrong> {
-        self.stack.pop().ok_or_else(|| "the stack is empty".into())
+        self.stack.pop().ok_or_else(|| "internal error of the KRL interpreter: its stack is empty".into())
     }
 
     #[inline]
@@ -41,13 +41,14 @@ impl Interpreter {
     pub(super) fn pop_address(&mut self) -> Result<Address, Wrong> {
         match self.pop()? {
             Cell::Address(address) => Ok(address),
-            _ => Err("an address is missing".into()),
+            _ => Err("internal error of the KRL interpreter: an address is missing".into()),
         }
     }
 
     /// Removes the newest cells from the stack and returns them.
     pub(super) fn pop_block<const N: usize>(&mut self) -> Result<[Cell; N], Wrong> {
-        let at = self.stack.len().checked_sub(N).ok_or("the stack is empty")?;
+        let at =
+            self.stack.len().checked_sub(N).ok_or("internal error of the KRL interpreter: its stack is empty")?;
         let mut cells = [Cell::Unset; N];
         cells.copy_from_slice(&self.stack[at..]);
         self.stack.truncate(at);
@@ -63,7 +64,10 @@ impl Interpreter {
     pub(super) fn pop_text_index(&mut self) -> Result<usize, Wrong> {
         match self.pop()? {
             Cell::Text(index) => Ok(index as usize),
-            _ => Err("a text in quotation marks is needed here; CHAR variables are not executed".into()),
+            _ => Err(
+                "a string in quotation marks is required here; this interpreter does not execute CHAR variables"
+                    .into(),
+            ),
         }
     }
 }

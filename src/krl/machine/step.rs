@@ -20,7 +20,10 @@ impl Interpreter {
                 self.begin_statement(*index as usize, program, memory);
                 // It ends here by name: a skipped statement would make every result behind it a guess.
                 if let Some(what) = program.unexecuted.get(index) {
-                    return Pause::Fault(format!("{}: {what} is not executed here", self.place(program)));
+                    return Pause::Fault(format!(
+                        "{}: this interpreter does not execute {what}",
+                        self.place(program)
+                    ));
                 }
                 self.at += 1;
             } else {
@@ -90,8 +93,8 @@ impl Interpreter {
                 let index = self.pop_int()?;
                 let mut address = self.pop_address()?;
                 let inside = u32::try_from(index).ok().filter(|index| (1..=count).contains(index));
-                let inside =
-                    inside.ok_or_else(|| format!("the index {index} is outside of the array, 1 to {count}"))?;
+                let inside = inside
+                    .ok_or_else(|| format!("the index {index} is outside of the array (valid: 1 to {count})"))?;
                 address.offset += (inside - 1) * size;
                 self.stack.push(Cell::Address(address));
             }
@@ -142,7 +145,7 @@ impl Interpreter {
                 let parameters = program.routines[routine as usize].parameter_cells as usize;
                 let height = self.stack.len().saturating_sub(parameters);
                 if self.frames.len() > 100 {
-                    return Err("too many calls inside each other".into());
+                    return Err("routine calls are nested more than 100 levels deep".into());
                 }
                 self.enter(program, routine, self.at + 1, height);
                 return Ok(Flow::Next);

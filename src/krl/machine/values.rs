@@ -20,7 +20,11 @@ impl Interpreter {
                 self.stack.push(calculate::binary(operator, left, right)?);
             }
             Op::ToReal(below) => {
-                let at = self.stack.len().checked_sub(1 + below as usize).ok_or("the stack is empty")?;
+                let at = self
+                    .stack
+                    .len()
+                    .checked_sub(1 + below as usize)
+                    .ok_or("internal error of the KRL interpreter: its stack is empty")?;
                 match self.stack[at] {
                     Cell::Int(number) => self.stack[at] = Cell::Real(number as f32),
                     Cell::Real(_) => {}
@@ -81,7 +85,7 @@ impl Interpreter {
         };
         match result {
             Cell::Real(number) if number.is_finite() => self.stack.push(result),
-            _ => return Err("the result is no number".into()),
+            _ => return Err("the result is not a finite number".into()),
         }
         Ok(())
     }

@@ -7,7 +7,10 @@ use crate::number_text::apart;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CornerError {
     /// No pixel has the panel's brightness.
-    #[error("no pixel is as bright as the panel, {min}…{max}; is the light on, is the panel in view?")]
+    #[error(
+        "no pixel has the brightness of the panel, {min}…{max}; check that the light is on and that the panel is \
+         in view"
+    )]
     NoContour {
         /// Darkest brightness of the panel.
         min: usize,
@@ -16,8 +19,8 @@ pub enum CornerError {
     },
     /// The largest object with the panel's brightness is too small.
     #[error(
-        "the largest object as bright as the panel covers {} % of the picture, at least {} % are needed; is the \
-         panel in view, is panel_gray_max right?", apart(*found_percent, *needed_percent, 1)[0], apart(*found_percent, *needed_percent, 1)[1]
+        "the largest object with the panel's brightness covers {} % of the picture, at least {} % are needed; \
+         check that the panel is in view, and check panel_gray_max", apart(*found_percent, *needed_percent, 1)[0], apart(*found_percent, *needed_percent, 1)[1]
     )]
     ContourTooSmall {
         /// The fraction of the picture that the object covers, percent.
@@ -27,7 +30,8 @@ pub enum CornerError {
     },
     /// The corner lies at the border of the picture or beyond.
     #[error(
-        "the corner at ({u:.0}, {v:.0}) px lies at the picture's border; move the camera so that it is well inside"
+        "the corner at ({u:.0}, {v:.0}) px lies at the picture's border; move the camera so that the corner is \
+         well inside the picture"
     )]
     CornerAtBorder {
         /// Column, px.
@@ -37,8 +41,8 @@ pub enum CornerError {
     },
     /// One of the edges that meet in the corner is too short or too faint.
     #[error(
-        "an edge beside the corner shows {found} sharp places, at least {needed} are needed; is it in view over \
-         rounding_mm and edge_mm, free of reflections, and clearly darker than the background?"
+        "an edge beside the corner has {found} sharp points, at least {needed} are needed; check that the edge is \
+         in view over rounding_mm and edge_mm, free of reflections, and clearly darker than the background"
     )]
     EdgeTooShort {
         /// Places found.
@@ -48,7 +52,7 @@ pub enum CornerError {
     },
     /// The two edges have nearly the same direction.
     #[error(
-        "the two edges meet at {}°, at least {}° are needed; is that a corner of the panel?", apart(*angle_deg, *min_deg, 1)[0],
+        "the two edges meet at {}°, at least {}° are needed; check that the picture shows a corner of the panel", apart(*angle_deg, *min_deg, 1)[0],
         apart(*angle_deg, *min_deg, 1)[1]
     )]
     EdgesParallel {

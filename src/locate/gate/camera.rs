@@ -36,8 +36,8 @@ pub(super) fn camera(fit: &Fit) -> Vec<Check> {
     let same = same.rejects("camera_moved", || {
         let [same, needed] = percent_apart(camera.map_or(f64::NAN, |it| it.same), MIN_FIXTURE_SAME, 0);
         format!(
-            "only {same} % of the fixture is where it was at teaching, at least {needed} % are needed; was the \
-             camera or the fixture moved? Calibrate and teach again"
+            "only {same} % of the fixture is where it was at teaching, at least {needed} % are needed; check \
+             whether the camera or the fixture was moved, then calibrate and teach again"
         )
     });
     let moved = Check::new("motion less its error", "mm", fit.camera_moved_mm())
@@ -46,8 +46,8 @@ pub(super) fn camera(fit: &Fit) -> Vec<Check> {
             let (moved_mm, uncertainty_mm) = (moved_mm.unwrap_or(f64::NAN), uncertainty_mm.unwrap_or(f64::NAN));
             let [least, allowed] = apart(moved_mm - uncertainty_mm, MAX_CAMERA_MOVED_MM, 2);
             format!(
-                "the fixture shows that the camera has moved since teaching, which puts the panel {} ± {} mm off, \
-                 at least {least} mm (limit {allowed} mm); calibrate it again",
+                "the fixture shows that the camera has moved since teaching, which shifts the panel's pose by {} ± \
+                 {} mm, at least {least} mm (limit {allowed} mm); calibrate the camera again",
                 fixed(moved_mm, 2),
                 fixed(uncertainty_mm, 2)
             )
@@ -71,14 +71,16 @@ pub(super) fn watch(fit: &Fit) -> Vec<Check> {
     // If the fixture at teaching also shows too little, a warning was already given at teaching.
     let is_unwatched = !is_watched(uncertainty_mm) && is_watched(fit.camera_at_teaching_mm);
     vec![noticed.broken(is_unwatched, Severity::Review, "camera_unwatched", || {
-        let seen = uncertainty_mm.map_or("too little of the fixture is seen".to_owned(), |mm| {
+        let seen = uncertainty_mm.map_or("too little of the fixture is visible".to_owned(), |mm| {
             let [noticed, _] = apart(noticed_mm(mm), MAX_CAMERA_NOTICED_MM, 2);
-            format!("the fixture shows a moved camera only if that moves the panel by {noticed} mm or more")
+            format!(
+                "the fixture reveals a movement of the camera only if it shifts the panel by {noticed} mm or more"
+            )
         });
         format!(
-            "it is not known whether the camera has moved: {seen} (limit {MAX_CAMERA_NOTICED_MM} mm, which it kept \
-             at teaching); is something in front of the fixture? If the camera was calibrated again since, teach \
-             again"
+            "it is unknown whether the camera has moved: {seen} (limit {MAX_CAMERA_NOTICED_MM} mm, met at \
+             teaching); remove objects in front of the fixture. If the camera was calibrated again since teaching, \
+             teach the panel again"
         )
     })]
 }
@@ -89,8 +91,8 @@ pub(super) fn at_teaching(fit: &Fit) -> Check {
     Check::new("a camera is noticed that moves the panel by", "mm", uncertainty_mm.map(noticed_mm))
         .at_most(MAX_CAMERA_NOTICED_MM, SetBy::Program)
         .broken(!is_watched(uncertainty_mm), Severity::Review, "camera_unwatched", || {
-            "the fixture shows too little to notice a camera that moved; put fixed objects into view beside the \
-             panel, outside of the search box, with clear edges in two directions"
+            "too little of the fixture is visible to detect a movement of the camera; put fixed objects into view \
+             beside the panel, outside of the search box, with clear edges in two directions"
                 .to_owned()
         })
 }

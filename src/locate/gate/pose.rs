@@ -24,9 +24,9 @@ pub(super) fn knowledge(fit: &Fit) -> Vec<Check> {
     let ambiguous = |rival: &CompetingPose| {
         let [margin, needed] = apart(rival.margin(), MIN_MARGIN, 1);
         format!(
-            "a placement turned by {}° explains the scan about as well: {} mm of outline and surface support the \
-             first alone and {} mm the other, a ratio of {margin}, at least {needed} is needed; a person must \
-             decide which",
+            "another pose, turned by {}°, explains the scan about as well: {} mm of outline and surface support \
+             only the first pose and {} mm only the other, a ratio of {margin} (at least {needed} is needed); a \
+             person must decide which pose is right",
             fixed(rival.turned.0, 0),
             fixed(rival.for_first_mm, 0),
             fixed(rival.for_rival_mm, 0)
@@ -38,7 +38,8 @@ pub(super) fn knowledge(fit: &Fit) -> Vec<Check> {
             .reviews("uncertain", || {
                 let [known, allowed] = apart(fit.uncertainty_mm, MAX_UNCERTAINTY_MM, 2);
                 format!(
-                    "the pose is known to {known} mm at the worst place (95 %), limit {allowed} mm; {}",
+                    "the uncertainty of the pose is {known} mm at the worst place of the panel (95 %; limit \
+                     {allowed} mm); {}",
                     why_uncertain(fit)
                 )
             }),
@@ -60,20 +61,23 @@ fn why_uncertain(fit: &Fit) -> String {
     let mm = |value| fixed(value, 2);
     if fit.uncertainty_at_taught_place_mm <= MAX_UNCERTAINTY_MM {
         format!(
-            "the panel's centre is {} mm from its taught place, so the scale error of the 3D camera counts; at the \
-             taught place the uncertainty would be {} mm: put the panel nearer to it, measure the camera with \
-             `panelprep calibrate scanner`, or correct the pose with two corners",
+            "the panel's centre is {} mm from its taught position, so the scale error of the 3D camera counts; at \
+             the taught position the uncertainty would be {} mm: put the panel nearer to it, measure the camera \
+             with `panelprep calibrate scanner`, or correct the pose with two corners",
             fixed(fit.shift_mm, 0),
             mm(fit.uncertainty_at_taught_place_mm)
         )
     } else if fit.uncertainty_without_scale_mm <= MAX_UNCERTAINTY_MM {
         format!(
-            "the scale of the 3D camera's distances differs from scan to scan, without which it would be {} mm: let the camera warm up and \
-             measure it again with `panelprep calibrate scanner`",
+            "the scale of the 3D camera varies from scan to scan; without this variation the uncertainty would be \
+             {} mm: let the camera warm up, and measure its scale again with `panelprep calibrate scanner`",
             mm(fit.uncertainty_without_scale_mm)
         )
     } else {
-        format!("it is weakest {}; uncover more of the panel, or correct it by two corners", fit.weakest.words())
+        format!(
+            "the pose is least certain {}; uncover more of the panel, or correct the pose with two corners",
+            fit.weakest.words()
+        )
     }
 }
 
@@ -85,7 +89,8 @@ pub(super) fn motion(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
             .rejects("shift_limit", || {
                 let [shift, allowed] = apart(fit.shift_mm, limits.max_shift_mm(), 1);
                 format!(
-                    "the panel's centre is {shift} mm from its nominal place (limit {allowed} mm); move it nearer"
+                    "the panel's centre is {shift} mm from its nominal position (limit {allowed} mm); move the \
+                     panel nearer to it"
                 )
             }),
         Check::new("turn in the panel's plane, either way", "°", fit.turn.0.abs())
@@ -93,13 +98,15 @@ pub(super) fn motion(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
             .rejects("turn_limit", || {
                 let [turn, allowed] = apart(fit.turn.0.abs(), limits.turn_limit_deg(), 2);
                 let sign = if fit.turn.0 < 0.0 { "-" } else { "" };
-                format!("the panel is turned by {sign}{turn}° in its plane (limit ±{allowed}°); turn it back")
+                format!(
+                    "the panel is turned by {sign}{turn}° in its plane (limit ±{allowed}°); turn the panel back"
+                )
             }),
         Check::new("tilt of the panel's normal", "°", fit.tilt.0)
             .at_most(limits.max_tilt_deg(), SetBy::recipe("locate.max_tilt_deg"))
             .rejects("tilt_limit", || {
                 let [tilt, allowed] = apart(fit.tilt.0, limits.max_tilt_deg(), 2);
-                format!("the panel's normal is tilted by {tilt}° (limit {allowed}°); set it upright")
+                format!("the panel's normal is tilted by {tilt}° (limit {allowed}°); set the panel upright")
             }),
     ]
 }

@@ -24,8 +24,8 @@ pub fn checks(refined: &Refined, limits: &recipe::Corner) -> Vec<Check> {
         let words = || {
             let [asked, allowed] = apart(asked_mm, allowed_mm, 2);
             format!(
-                "{} is {asked} mm ({} px) from its place in the 3D scan (limit {allowed} mm); has the panel moved \
-                 since the scan, or is the flange pose not that of the picture?",
+                "{} is {asked} mm ({} px) from its position in the 3D scan (limit {allowed} mm); check whether the \
+                 panel has moved since the scan, and whether the flange pose belongs to the picture",
                 name(corner),
                 fixed(corner.error_px, 1)
             )
@@ -46,8 +46,9 @@ pub fn checks(refined: &Refined, limits: &recipe::Corner) -> Vec<Check> {
             .broken(exceeds(left_mm, MAX_LEFT_MM), Severity::Review, "corners_disagree", || {
                 let [left, allowed] = apart(left_mm, MAX_LEFT_MM, 2);
                 format!(
-                    "{} is still {left} mm from its place in the picture after the best correction of all corners \
-                     (limit {allowed} mm); check that each picture shows its own corner and has its own flange pose",
+                    "{} is still {left} mm from its position in the picture after the best correction of all \
+                     corners (limit {allowed} mm); check that each picture shows its own corner and has its own \
+                     flange pose",
                     name(corner)
                 )
             });
@@ -72,8 +73,8 @@ pub fn checks_of_stand(seen: &Refined, limits: &recipe::Corner) -> Vec<Check> {
         let words = || {
             let [off, allowed] = apart(off_mm, allowed_mm, 2);
             format!(
-                "{} is {off} mm from its localized place (limit {allowed} mm, [corner] verify_mm); has the panel \
-                 moved?",
+                "{} is {off} mm from its located position (limit {allowed} mm, [corner] verify_mm); check whether \
+                 the panel has moved",
                 name(corner)
             )
         };
@@ -108,9 +109,9 @@ pub fn disagreement(refined: &Refined, claims_mm: &[f64]) -> Option<Check> {
     Some(check.broken(exceeds(asked_mm, allowed_mm), Severity::Review, "corner_disagrees", || {
         let [asked, allowed] = apart(asked_mm, allowed_mm, 2);
         format!(
-            "{} is {asked} mm from its place in the 3D scan; the claimed errors of scan, corner and calibrations \
-             give {} mm (95 %), and the limit is twice as much, {allowed} mm: one of them is wrong, verify the \
-             calibrations",
+            "{} is {asked} mm from its position in the 3D scan; the stated errors of scan, corner and calibrations \
+             give {} mm (95 %), and the limit is twice this value, {allowed} mm: one of these errors is wrong; \
+             verify the calibrations",
             name(corner),
             fixed(claimed_mm, 2)
         )

@@ -66,7 +66,7 @@ pub fn drawn_on(
     let quadrilaterals = drawn.masked_px.iter().chain(&drawn.held_px).flatten();
     let all = quadrilaterals.chain(&drawn.outline_px).chain(&drawn.corners_px);
     if let Some([u, v]) = all.into_iter().find(|corner| outside(corner)) {
-        return Err(vec![format!("({u:.1}, {v:.1}) px is outside of the picture, {width}×{height} px")]);
+        return Err(vec![format!("the point ({u:.1}, {v:.1}) px is outside the picture ({width}×{height} px)")]);
     }
     let edited = drawn_into(text, drawn).map_err(|error| vec![error.to_string()])?;
     checked(name, &edited)?;

@@ -12,7 +12,7 @@ function tell(words, isWrong) {
 async function ask(path, options) {
   const answer = await fetch(path, options);
   const found = await answer.json();
-  if (!answer.ok) throw new Error((found.problems ?? ["the program refuses"]).join("\n"));
+  if (!answer.ok) throw new Error((found.problems ?? ["the program refused the request"]).join("\n"));
   return found;
 }
 

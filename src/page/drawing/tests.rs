@@ -94,7 +94,7 @@ fn what_is_no_region_changes_nothing() {
     let twisted = DRAWN.replace("[2,2],[97,2]", "[97,2],[2,2]");
     let outside = DRAWN.replace("[12,10]", "[100,10]");
     for (body, words) in [
-        (&*crossed, "must go round"),
+        (&*crossed, "must be in order around"),
         (&twisted, "the outline crosses itself"),
         (&outside, "outside of the picture, 100×80 px"),
     ] {

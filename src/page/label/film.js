@@ -39,7 +39,7 @@ export class Film {
     }
     if (image.naturalWidth !== this.size[0] || image.naturalHeight !== this.size[1]) {
       throw new Error(`picture ${index + 1} (${this.shots[index].file}) is ${image.naturalWidth}×${image.naturalHeight} px, ` +
-        `the clip's first one is ${this.size[0]}×${this.size[1]} px`);
+        `but the clip's first picture is ${this.size[0]}×${this.size[1]} px`);
     }
     return image;
   }

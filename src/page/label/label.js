@@ -28,7 +28,7 @@ function tell(words, isWrong = false) {
   at("told").classList.toggle("wrong", isWrong);
 }
 
-const drafts = new Drafts((problem) => tell(`The drawing is not kept: ${problem}`, true));
+const drafts = new Drafts((problem) => tell(`The drawing was not stored: ${problem}`, true));
 
 // --- labels
 
@@ -47,7 +47,7 @@ function change(how) {
 function changed() {
   chosen = Math.min(chosen, said.breaks.length - 1);
   if (said.breaks.length > 0) said.clean = false;
-  tell("Not saved yet; a reload of the page loses nothing.");
+  tell("Not saved yet. The draft is stored: a reload of the page loses nothing.");
   render();
   if (!dragged) drafts.keep(said);
 }
@@ -177,7 +177,7 @@ function lookAtGrids() {
 function beginDrawing() {
   pause();
   if (now() < wetFrom) {
-    tell(`A break begins in a wet picture: the first one is at ${seconds(wetFrom)}.`, true);
+    tell(`A break must begin in a wet picture: the first wet picture is at ${seconds(wetFrom)}.`, true);
     return;
   }
   drawn = { from_s: now(), corners_px: [] };
@@ -189,7 +189,7 @@ function beginDrawing() {
 function endDrawing() {
   const { from_s, corners_px } = drawn;
   if (corners_px.length < 3) {
-    tell(`A break needs at least three corners; this one has ${corners_px.length}.`, true);
+    tell(`A break needs at least three corners; this break has ${corners_px.length}.`, true);
     return;
   }
   drawn = null;
@@ -395,7 +395,7 @@ at("done").addEventListener("click", async () => {
 function tellWhatIsKept({ saved_at, is_draft, note }) {
   at("kept").textContent = saved_at ? `labelled, saved ${saved_at}` : "not labelled yet";
   if (note) tell(`Note: ${note}.`, true);
-  else if (is_draft) tell("This was drawn and is not saved yet.");
+  else if (is_draft) tell("The drawing is a draft and is not saved yet.");
 }
 
 try {

@@ -155,7 +155,7 @@ async fn picture(State(inside): State<Arc<Inside>>, Path(number): Path<String>) 
     let Sheet { folder, shots, .. } = &inside.sheet;
     let shot = number.parse::<usize>().ok().and_then(|number| shots.get(number.checked_sub(1)?));
     let Some(shot) = shot else {
-        let problem = format!("the clip has no picture {number}; it has the pictures 1 to {}", shots.len());
+        let problem = format!("the clip has no picture {number}; valid: 1 to {}", shots.len());
         return refused(StatusCode::NOT_FOUND, &[problem]);
     };
     let file = folder.join(&shot.file);

@@ -3,7 +3,7 @@
 export async function ask(path, options) {
   const answer = await fetch(path, options);
   const found = await answer.json().catch(() => null);
-  if (!answer.ok || !found) throw new Error((found?.problems ?? ["the program does not understand what was sent"]).join("\n"));
+  if (!answer.ok || !found) throw new Error((found?.problems ?? ["the program could not process the request"]).join("\n"));
   return found;
 }
 

@@ -133,7 +133,7 @@ fn each_picture_comes_as_a_browser_shows_it() {
     }
     for number in ["0", "5", "-1", "x", "..%2Fclip.csv"] {
         let (status, answer) = page.ask("GET", &format!("picture/{number}"), "");
-        assert!(status == 404 && answer.contains("it has the pictures 1 to 4"), "{number}: {status} {answer}");
+        assert!(status == 404 && answer.contains("valid: 1 to 4"), "{number}: {status} {answer}");
     }
     let (status, answer) = page.ask("GET", "picture/4", "");
     assert!(status == 422 && answer.contains("4.png: No such file"), "{status} {answer}");

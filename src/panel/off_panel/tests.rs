@@ -34,7 +34,7 @@ fn a_region_over_the_edge_is_measured_and_named() {
     let reason = off[0].reason();
     assert_eq!(reason.code, "region_off_panel");
     assert!(
-        reason.message.contains("leaves the panel by ") && reason.message.contains("r1c3, r1c4"),
+        reason.message.contains("extends beyond the panel's edge by ") && reason.message.contains("r1c3, r1c4"),
         "{}",
         reason.message
     );

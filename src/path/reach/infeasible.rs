@@ -18,10 +18,10 @@ pub enum Singular {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Infeasibility {
     /// Not a number.
-    #[error("the pose is not a number")]
+    #[error("the pose is not a valid number")]
     NotFinite,
     /// The pose is too far or too near.
-    #[error("it is {beyond_mm:.1} mm beyond the arm's reach")]
+    #[error("the pose is {beyond_mm:.1} mm beyond the arm's reach")]
     OutOfReach {
         /// How far, mm.
         beyond_mm: f64,
@@ -50,7 +50,9 @@ pub enum Infeasibility {
         needed: f64,
     },
     /// The configuration would change.
-    #[error("axis {axis} would jump by {turn_deg:.0}°: the way on is in another configuration")]
+    #[error(
+        "axis {axis} would jump by {turn_deg:.0}°: the next pose is only reachable in another arm configuration"
+    )]
     Flip {
         /// 1 to 6.
         axis: usize,
@@ -59,7 +61,7 @@ pub enum Infeasibility {
     },
     /// An axis is too fast.
     #[error(
-        "axis {axis} would turn at {} °/s, allowed {}; a lower feed_mm_s helps", apart(*needed_deg_s, *allowed_deg_s, 0)[0],
+        "axis {axis} would turn at {} °/s (limit {} °/s); lower feed_mm_s", apart(*needed_deg_s, *allowed_deg_s, 0)[0],
         apart(*needed_deg_s, *allowed_deg_s, 0)[1]
     )]
     AxisSpeed {
@@ -72,7 +74,7 @@ pub enum Infeasibility {
     },
     /// The acceleration of an axis is too high.
     #[error(
-        "axis {axis} would change its speed by {} °/s², allowed {}; a lower feed_mm_s helps",
+        "axis {axis} would accelerate at {} °/s² (limit {} °/s²); lower feed_mm_s",
         apart(*needed_deg_s2, *allowed_deg_s2, 0)[0], apart(*needed_deg_s2, *allowed_deg_s2, 0)[1]
     )]
     AxisAcceleration {
@@ -99,7 +101,10 @@ pub enum Infeasibility {
         needed_mm: f64,
     },
     /// After a stop in contact, the arm could not lift the tool off.
-    #[error("at a stop the controller lifts the tool off by {} mm, and from here it cannot: {why}", RETRACT_MM)]
+    #[error(
+        "at a stop the controller lifts the tool by {} mm, which is not possible from this pose: {why}",
+        RETRACT_MM
+    )]
     Retract {
         /// The reason why the retract is not possible.
         why: Box<Infeasibility>,
@@ -124,7 +129,7 @@ fn beyond(angle_deg: f64, [low_deg, high_deg]: [f64; 2]) -> String {
 
 fn singular_words(which: Singular) -> &'static str {
     match which {
-        Singular::Wrist => "axis 5 would be too near its pole, degrees",
+        Singular::Wrist => "axis 5 would be too near its singularity, degrees",
         Singular::Elbow => "the arm would be too near the elbow singularity (arm extended), degrees",
         Singular::Overhead => "the wrist would be too near axis 1, mm",
     }

@@ -78,7 +78,7 @@ mod tests {
         let fault = asked([0.0, -156.2, 127.9, 0.0, 115.0, 0.0]).expect_err("axis 5 has no room");
         assert_eq!((fault.index, fault.cause.code()), (1, "retract_out_of_reach"));
         assert!(
-            fault.to_string().starts_with("waypoint 1: at a stop the controller lifts the tool off by 50 mm"),
+            fault.to_string().starts_with("waypoint 1: at a stop the controller lifts the tool by 50 mm"),
             "{fault}"
         );
         assert_eq!(asked([0.0, -110.0, 135.0, 0.0, -25.0, 90.0]), Ok(()));

@@ -47,7 +47,7 @@ pub(in crate::recipe) fn parse_process(section: &Section<'_, '_>) -> Option<Proc
     let process = Process::parse(section)?;
     let (part, grid) = (process.passes_of_a_part(), process.max_passes_per_grid());
     if part < grid {
-        let allowed = format!("found {part}, valid: max_passes_per_grid, {grid}, or more");
+        let allowed = format!("found {part}, must be at least max_passes_per_grid, {grid}");
         section.problem("max_passes_per_part", allowed);
         return None;
     }
@@ -74,7 +74,7 @@ pub(in crate::recipe) fn parse_region(section: &Section<'_, '_>) -> Option<Regio
     if !(turns.iter().all(|turn| *turn > 1.0) || turns.iter().all(|turn| *turn < -1.0)) {
         section.problem(
             "corners_px",
-            "the four corners must go round a convex region in order, and no three of them may lie on one line",
+            "the four corners must be in order around a convex region, and no three of them may lie on one line",
         );
         return None;
     }
@@ -172,7 +172,7 @@ settings! {
 pub(in crate::recipe) fn parse_inspect(section: &Section<'_, '_>) -> Option<Inspect> {
     let inspect = Inspect::parse(section)?;
     if inspect.channel_weights().iter().all(|weight| *weight < 0.01) {
-        section.problem("channel_weights", "one channel at least must weigh 0.01 or more");
+        section.problem("channel_weights", "at least one channel must have a weight of 0.01 or more");
         return None;
     }
     if inspect.median_px() % 2 == 0 {
@@ -181,7 +181,7 @@ pub(in crate::recipe) fn parse_inspect(section: &Section<'_, '_>) -> Option<Insp
     }
     for (key, [hue, ..]) in [("hsv_min", inspect.hsv_min()), ("hsv_max", inspect.hsv_max())] {
         if hue > 179 {
-            section.problem(key, format!("found hue {hue}, the limits are 0 to 179: half of its degrees"));
+            section.problem(key, format!("found hue {hue}, valid: 0 to 179 (half of the hue angle in degrees)"));
             return None;
         }
     }

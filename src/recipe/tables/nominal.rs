@@ -61,14 +61,17 @@ pub(in crate::recipe) fn parse_nominal(section: &Section<'_, '_>) -> Option<Opti
         (true, true) => Some(Some(nominal((pose?.to_rigid(), None)))),
         (false, false) => fitted(section, &drawn, &measured).map(|(place, mm)| Some(nominal((place, Some(mm))))),
         (true, false) => {
-            section.problem("base_from_drawing", "the pose and datum points are stated; leave one of them out");
+            section.problem(
+                "base_from_drawing",
+                "both a pose and datum points are stated; remove the pose or the points",
+            );
             None
         }
         (false, true) => {
             section.problem(
                 "base_from_drawing",
-                "is missing: state where the drawing's frame lies in the robot's base (x_mm … c_deg), or three points on the panel by \
-                 datums_drawing_mm and datums_base_mm",
+                "is missing: state the pose of the drawing's frame in the robot's base (x_mm … c_deg), or three \
+                 points on the panel in datums_drawing_mm and datums_base_mm",
             );
             None
         }
@@ -96,7 +99,8 @@ fn fitted(
     if drawn.len() != measured.len() || !DATUMS.contains(&drawn.len()) {
         let (low, high) = (DATUMS.start(), DATUMS.end());
         let found = format!(
-            "found {} points, and {} in datums_drawing_mm; valid: the same {low} to {high} points in both, in the same order",
+            "found {} points, and {} in datums_drawing_mm; valid: {low} to {high} points, the same in both lists \
+             and in the same order",
             measured.len(),
             drawn.len()
         );
@@ -110,7 +114,8 @@ fn fitted(
             section.problem(
                 key,
                 format!(
-                    "the points lie within {spread} mm of a line (needed {needed} mm); choose points far apart, not on one line"
+                    "the points lie within {spread} mm of a line (at least {needed} mm are needed); choose points \
+                     far apart, not on one line"
                 ),
             );
             return None;
@@ -122,8 +127,10 @@ fn fitted(
         .map(|(drawn, measured)| (Point::new((*drawn).into()), Point::new((*measured).into())))
         .collect();
     let Some(base_from_drawing) = nearest_motion(&pairs) else {
-        section
-            .problem("datums_base_mm", "the points determine no place; choose points far apart, not on one line");
+        section.problem(
+            "datums_base_mm",
+            "the points do not determine a pose; choose points far apart, not on one line",
+        );
         return None;
     };
     let residuals = pairs.iter().map(|(drawn, measured)| (base_from_drawing * *drawn).distance_mm(*measured));
@@ -135,8 +142,8 @@ fn fitted(
         section.problem(
             "datums_base_mm",
             format!(
-                "point {worst} lies {found} mm from its place in the drawing (limit {limit} mm): check the order of the points, the \
-                 drawing's unit (mm here), and measure again"
+                "point {worst} is {found} mm from its position in the drawing (limit {limit} mm): check the order \
+                 of the points and the drawing's unit (mm here), and measure again"
             ),
         );
         return None;
@@ -146,8 +153,8 @@ fn fitted(
         section.problem(
             "datums_base_mm",
             format!(
-                "the points also fit in the order {}, which would turn the drawing over or around: choose points with unequal \
-                 distances, or add one",
+                "the points also fit in the order {}, so the drawing could be turned over or around: choose points \
+                 with unequal distances, or add a point",
                 order.join(", ")
             ),
         );

@@ -69,6 +69,6 @@ fn wrong(corners: &[[f64; 2]]) -> Option<String> {
     let area_px2 = polygon::signed_area_px2(&pixels).abs();
     (area_px2 < MIN_AREA_PX2).then(|| {
         let [area, needed] = apart(area_px2, MIN_AREA_PX2, 1);
-        format!("encloses {area} px², at least {needed} px² are needed")
+        format!("has an area of {area} px², at least {needed} px² are needed")
     })
 }

@@ -130,7 +130,7 @@ pub(in crate::recipe) fn parse_path(section: &Section<'_, '_>) -> Option<Path> {
         section.problem(
             "step_over_mm",
             format!(
-                "found {} (limit {}, disc_diameter_mm): wider rows leave stripes",
+                "found {} (limit {}, disc_diameter_mm): a larger distance leaves untreated stripes",
                 path.step_over_mm(),
                 path.disc_diameter_mm()
             ),
@@ -145,7 +145,7 @@ pub(in crate::recipe) fn parse_path(section: &Section<'_, '_>) -> Option<Path> {
         }
         None if path.press_in_mm() > 0.0 => {
             section
-                .problem("pad_stroke_mm", "is missing; a press_in_mm needs the stroke of the pad that absorbs it");
+                .problem("pad_stroke_mm", "is missing; press_in_mm requires the stroke of the pad that absorbs it");
             return None;
         }
         _ => {}

@@ -105,7 +105,7 @@ impl Setting for CornerNames {
     fn parse(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
         let Some(list) = value.as_array() else { return CornerName::parse(value, &()).map(CornerNames::from) };
         if list.is_empty() {
-            return Err("found an empty list, valid: a corner for each taught picture".to_owned());
+            return Err("found an empty list; valid: one corner for each taught picture".to_owned());
         }
         list.iter().map(|item| CornerName::parse(item.get_ref(), &())).collect::<Result<_, _>>().map(CornerNames)
     }

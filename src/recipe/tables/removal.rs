@@ -47,7 +47,7 @@ pub(in crate::recipe) fn parse_removal(section: &Section<'_, '_>, path: Option<&
     let removal = Removal::parse(section)?;
     if removal.target_um() >= removal.max_um() {
         let message =
-            format!("found {}, it must be more than target_um, {}", removal.max_um(), removal.target_um());
+            format!("found {}, must be greater than target_um, {}", removal.max_um(), removal.target_um());
         section.problem("max_um", message);
         return None;
     }
@@ -56,14 +56,14 @@ pub(in crate::recipe) fn parse_removal(section: &Section<'_, '_>, path: Option<&
         (Some(pressed_n), Some(_)) => {
             section.problem(
                 "force_n",
-                format!("has no effect: the tool presses with path.force_n, {pressed_n}; remove it"),
+                format!("has no effect: the tool presses with path.force_n = {pressed_n} N; remove this key"),
             );
             return None;
         }
         (None, None) => {
             section.problem(
                 "force_n",
-                "is missing; state the force of the tool on the panel, N, or for a compliant tool path.force_n",
+                "is missing; state the force of the tool on the panel in N, or path.force_n for a compliant tool",
             );
             return None;
         }

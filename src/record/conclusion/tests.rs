@@ -192,7 +192,7 @@ fn a_pass_needs_a_film_that_passed() {
         crate::record::tests::record(pass.clone(), findings, asked).unearned()
     };
     assert_eq!(unearned(passed(), vec![]), [""; 0]);
-    let no_film = ["cycle 3 has the verdict pass, but its last film or abrasion is no film that passed"];
+    let no_film = ["cycle 3 has the verdict pass, but its last film did not pass, or an abrasion followed it"];
     assert_eq!(unearned(vec![], vec![]), no_film);
     assert_eq!(unearned(vec![finding(Kind::Locate, Verdict::Accept, "")], vec![]), no_film);
     let mut abraded_again = passed();

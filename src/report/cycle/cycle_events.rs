@@ -19,10 +19,10 @@ pub(super) fn abraded(record: &CycleRecord) -> Section {
         let how = match how {
             How::Whole => "",
             How::InPart => " in part",
-            How::Touched => ": touched, it is not known how much",
-            How::Perhaps => ": perhaps, it is not known whether the tool touched it",
+            How::Touched => ": touched, extent unknown",
+            How::Perhaps => ": possibly touched, not confirmed",
         };
-        let grid = grid.clone().unwrap_or_else(|| "any grid: it was not recorded which ones".to_owned());
+        let grid = grid.clone().unwrap_or_else(|| "any grid (it was not recorded which grids)".to_owned());
         passes.entry(grid).or_default().push(format!("pass {pass}{how}"));
     }
     let left = record.motions.iter().filter(|one| one.motion.path == Path::Contact && !one.end_is_known());
@@ -41,7 +41,7 @@ pub(super) fn abraded(record: &CycleRecord) -> Section {
         }
     };
     if worn_mm2 > 0.0 {
-        text += &format!(" The disc counts as worn by the whole path that was cut short, {worn_mm2:.0} mm².");
+        text += &format!(" The wear of the disc includes the whole interrupted path, {worn_mm2:.0} mm².");
     }
     Section {
         heading: "What was abraded".to_owned(),
@@ -62,7 +62,7 @@ pub(super) fn asked(record: &CycleRecord) -> Vec<Section> {
     };
     let before = section(
         "Requests before this cycle",
-        "Each request since the cycle before, which belongs to none.",
+        "Each request between the previous cycle and this cycle.",
         &record.asked_before,
     );
     let during = section(
@@ -80,7 +80,7 @@ fn request(asked: &RequestRecord) -> Row {
     let came = match asked.answer {
         Some(Answer::Done) => format!("{what}: done{meant}{because}"),
         Some(Answer::Refused) => format!("REFUSED: {what}. Nothing was done{because}"),
-        Some(Answer::Failed) => format!("NOT DONE: {what}. The cell could not do it{because}"),
+        Some(Answer::Failed) => format!("FAILED: {what}. The cell could not execute the request{because}"),
         None => format!("{what}: its result was not recorded"),
     };
     let who = asked.who.as_ref().map_or("not recorded".to_owned(), ToString::to_string);
@@ -97,14 +97,14 @@ fn wanted(wanted: &RequestedAction) -> (String, String) {
             Request::Reset => plain("reset", ""),
             Request::Start { max_passes, max_moves, dries } => {
                 let reference = if *dries { ", and a new dry picture after each abrasion" } else { "" };
-                let limits = format!("at most {max_passes} abrasions and {max_moves} moves of the corner loop");
+                let limits = format!("at most {max_passes} abrasions and {max_moves} moves for corner pictures");
                 ("start".to_owned(), format!(", with {limits}{reference}"))
             }
             Request::AirRun { max_moves } => {
-                ("air-run".to_owned(), format!(", with at most {max_moves} moves of the corner loop"))
+                ("air-run".to_owned(), format!(", with at most {max_moves} moves for corner pictures"))
             }
             Request::Hold => plain("hold", ""),
-            Request::Unhold { dried: false } => plain("unhold", ", it continued"),
+            Request::Unhold { dried: false } => plain("unhold", ", the cycle continued"),
             Request::Unhold { dried: true } => plain(
                 "unhold --dried",
                 ", a person confirmed that the panel was \
@@ -131,7 +131,7 @@ pub(super) fn motions(record: &CycleRecord) -> Section {
             Path::Approach => "to the approach".to_owned(),
             Path::Contact => "contact".to_owned(),
             Path::Air => "the path in the air".to_owned(),
-            Path::Retract => "clear of the panel".to_owned(),
+            Path::Retract => "retract from the panel".to_owned(),
         };
         let plan = match motion.motion.plan {
             0 => String::new(),
@@ -141,10 +141,10 @@ pub(super) fn motions(record: &CycleRecord) -> Section {
     });
     Section {
         heading: "Motions".to_owned(),
-        text:
-            "Each with its end, if the robot reported it. A path over the panel begins at the end of the approach, \
-             which is the first waypoint of its plan. Therefore it has one waypoint less than the plan."
-                .to_owned(),
+        text: "Each motion with its end, if the robot reported it. A path over the panel begins at the end of the \
+               approach, which is the first waypoint of its plan. Therefore it has one waypoint less than the \
+               plan."
+            .to_owned(),
         rows: rows.collect(),
         figures: Vec::new(),
     }
@@ -159,13 +159,14 @@ fn end(motion: &MotionRecord) -> String {
         }
         (Some(outcome), _) => outcome.word().to_owned(),
         (None, Some(Bounds { at_most: 0, .. })) => {
-            "its end was not reported; no part of it was permitted to be sent".to_owned()
+            "the end of the motion was not reported; no part of the motion was released for sending".to_owned()
         }
         (None, Some(Bounds { at_least, at_most })) => {
             format!(
-                "its end is not known: at least {at_least} and at most {at_most} of {all} waypoints were executed"
+                "the end of the motion is unknown: at least {at_least} and at most {at_most} of {all} waypoints \
+                 were executed"
             )
         }
-        (None, None) => "its end is not known".to_owned(),
+        (None, None) => "the end of the motion is unknown".to_owned(),
     }
 }

@@ -20,7 +20,7 @@ const AIR_RUN: &str = "This was an air-run: the path was run above the panel wit
 pub fn cycle_page(record: &CycleRecord, pictures: &BTreeMap<String, Vec<u8>>) -> Page {
     let running = || Judgement {
         verdict: Verdict::Invalid,
-        reasons: vec![Reason::new("running", "the cycle is not over: this page is not its result")],
+        reasons: vec![Reason::new("running", "the cycle has not ended: this page does not show its final result")],
     };
     let times = Times::from_record(record);
     let mut sections: Vec<Section> = record
@@ -89,10 +89,10 @@ fn duration(record: &CycleRecord) -> String {
     let reasons = record.judgement.iter().flat_map(|judgement| &judgement.reasons);
     let is_interrupted = reasons.into_iter().any(|reason| reason.code == "interrupted");
     let wall = match record.ended_unix_s {
-        None => format!("{began}, not over"),
+        None => format!("{began}, not ended"),
         Some(end) if is_interrupted => format!(
-            "began {began}; the program ended before the cycle did, at a time that was not recorded, and concluded the \
-             cycle when it started again, {}",
+            "began {began}; the program stopped during the cycle at an unrecorded time, and concluded the cycle at \
+             its next start, {}",
             utc(end)
         ),
         Some(end) => format!("{began} to {}, {} s", utc(end), end - record.started_unix_s),
@@ -105,11 +105,11 @@ fn duration(record: &CycleRecord) -> String {
         }
         [Some(Clock::Simulated { .. }), _] => {
             format!(
-                "Simulated cell. Simulated time: not known, the program ended before the cycle. Wall time: \
-                     {wall}."
+                "Simulated cell. Simulated time: unknown, because the program stopped during the cycle. Wall time: \
+                 {wall}."
             )
         }
-        [None, _] => format!("Wall time: {wall}. Whether the cell was a simulated one was not recorded."),
+        [None, _] => format!("Wall time: {wall}. It was not recorded whether the cell was simulated."),
     }
 }
 
@@ -119,14 +119,14 @@ fn section(
     times: Times,
 ) -> Section {
     let heading = match finding.kind {
-        Kind::Locate => "The panel's place",
+        Kind::Locate => "The panel's pose",
         Kind::Refine => "The corner",
-        Kind::Reach => "What the arm reaches",
+        Kind::Reach => "Reach of the arm",
         Kind::Inspect => "The film",
         Kind::Plan => "The sanding path",
         Kind::Verify => "The corner, before contact",
         Kind::Abrade => "The abrasion",
-        Kind::Gate => "The gate before a motion",
+        Kind::Gate => "Checks before a motion",
         Kind::Robot => "The robot",
         Kind::SelfTest => "The self-test",
         Kind::Tool => "The compliant tool",
@@ -153,8 +153,10 @@ fn section(
     let numbers = finding.checks.iter().flat_map(|number| {
         let to_execute = Some(number).filter(|number| finding.kind == Kind::Plan && number.name == name::PLANNED);
         let to_execute = to_execute.and_then(|number| number.value).map(|all| {
-            let words =
-                format!("{}, all but the first, in air, at which the approach ends", shown((all - 1.0).max(0.0)));
+            let words = format!(
+                "{}: all but the first waypoint, which is in air at the end of the approach",
+                shown((all - 1.0).max(0.0))
+            );
             Row::new("of these, of the path over the panel", words, "")
         });
         std::iter::once(row(number, finding.kind, times)).chain(to_execute)
@@ -207,7 +209,9 @@ fn budget(record: &CycleRecord) -> Section {
     }
     Section {
         heading: "Error at the tool".to_owned(),
-        text: "At 95 %. The total is the root of the sum of squares, once every part is measured.".to_owned(),
+        text: "At 95 % confidence. The total is the root of the sum of squares; it is stated if every part was \
+               measured."
+            .to_owned(),
         rows,
         figures: Vec::new(),
     }
@@ -250,8 +254,8 @@ fn conditions(record: &CycleRecord, times: Times) -> Section {
     rows.extend(films);
     Section {
         heading: "Water, lamp and films".to_owned(),
-        text: "Water and lamp are not measured by the cell: the inspector fills them in, or signs what the recipe \
-               states (ASTM F22). The signature is on the first page."
+        text: "Water and lamp are not measured by the cell: the inspector fills in these values, or signs the \
+               values that the recipe states (ASTM F22). The signature is on the first page."
             .to_owned(),
         rows,
         figures: Vec::new(),

@@ -75,7 +75,7 @@ fn the_page_shows_every_number_limit_and_hash() {
         "Wall time: 2023-11-14 22:13:20 UTC to 2023-11-14 22:14:50 UTC, 90 s.</p>",
         "class=\"verdict good\"><b>pass</b>",
         "<td>residual</td><td>0.1235 mm</td><td>≤ 0.25 mm</td>",
-        "<td>overlap</td><td>0.85, not allowed</td><td>≥ 0.9</td>",
+        "<td>overlap</td><td>0.85, outside of the limit</td><td>≥ 0.9</td>",
         "<td>drift</td><td>not measured</td>",
         "<td>base_from_panel</td><td>X 1.500 Y 0.000 Z 0.000 mm, A -3.0000 B 0.0000 C 0.0000°</td>",
         "<td>picture scan</td><td>f00d</td>",
@@ -116,7 +116,7 @@ fn a_whole_budget_needs_no_stated_error_and_a_running_cycle_is_no_result() {
     .html();
     // Calculated by hand: √(4 · 0.5²) = 1.
     assert!(html.contains("<td>total</td><td>1 mm</td>") && !html.contains("tool_error_mm"));
-    assert!(html.contains("class=\"verdict doubt\"") && html.contains("not over"));
+    assert!(html.contains("class=\"verdict doubt\"") && html.contains("not ended"));
     assert!(html.contains("<td>robot and tool</td>"));
     let mut corrected = record();
     corrected.files.push(KeptFile { name: "robot_correction".to_owned(), hash: "f00d".to_owned() });
@@ -150,11 +150,11 @@ fn what_is_not_known_of_a_contact_is_said_to_be_unknown() {
         record.motions[0].outcome = outcome;
         let html = cycle_page(&record, &BTreeMap::new()).html();
         for part in [
-            "<td>r1c1</td><td>pass 1: touched, it is not known how much</td>",
-            "<td>r1c2</td><td>pass 1: perhaps, it is not known whether the tool touched it</td>",
-            "its end is not known: at least 3 and at most 16 of 101 waypoints were executed",
+            "<td>r1c1</td><td>pass 1: touched, extent unknown</td>",
+            "<td>r1c2</td><td>pass 1: possibly touched, not confirmed</td>",
+            "the end of the motion is unknown: at least 3 and at most 16 of 101 waypoints were executed",
             "counts as abraded for max_passes_per_grid",
-            "worn by the whole path that was cut short, 1234 mm²",
+            "includes the whole interrupted path, 1234 mm²",
         ] {
             assert!(html.contains(part), "{outcome:?}: no {part} in\n{html}");
         }
@@ -164,7 +164,7 @@ fn what_is_not_known_of_a_contact_is_said_to_be_unknown() {
     unkept.motions[0].contact = None;
     let html = cycle_page(&unkept, &BTreeMap::new()).html();
     assert!(
-        html.contains("any grid: it was not recorded which ones") && !html.contains("touched no grid"),
+        html.contains("any grid (it was not recorded which grids)") && !html.contains("touched no grid"),
         "{html}"
     );
 }
@@ -204,7 +204,7 @@ fn planned_and_executed_waypoints_agree() {
     let html = cycle_page(&CycleRecord { findings, ..record() }, &BTreeMap::new()).html();
     for part in [
         "<td>waypoints</td><td>102</td>",
-        "<td>of these, of the path over the panel</td><td>101, all but the first, in air, at which the approach ends</td>",
+        "<td>of these, of the path over the panel</td><td>101: all but the first waypoint, which is in air at the end of the approach</td>",
         "<td>waypoints executed</td><td>101</td><td>≥ 101</td>",
     ] {
         assert!(html.contains(part), "no {part} in\n{html}");
@@ -217,9 +217,9 @@ fn a_number_that_is_not_allowed_differs_from_its_limit() {
         let row = row(&Check::new("n", "%", value).within(limit, SetBy::Program), Kind::Locate, Times::Wall);
         [row.value, row.allowed]
     };
-    assert_eq!(shown(8.000_4, Limit::AtMost(8.0)), ["8.0004 %, not allowed", "≤ 8 %"]);
-    assert_eq!(shown(0.249_999, Limit::AtLeast(0.25)), ["0.249999 %, not allowed", "≥ 0.25 %"]);
-    assert_eq!(shown(8.2, Limit::AtMost(8.0)), ["8.2 %, not allowed", "≤ 8 %"]);
+    assert_eq!(shown(8.000_4, Limit::AtMost(8.0)), ["8.0004 %, outside of the limit", "≤ 8 %"]);
+    assert_eq!(shown(0.249_999, Limit::AtLeast(0.25)), ["0.249999 %, outside of the limit", "≥ 0.25 %"]);
+    assert_eq!(shown(8.2, Limit::AtMost(8.0)), ["8.2 %, outside of the limit", "≤ 8 %"]);
     assert_eq!(shown(-0.0, Limit::AtMost(8.0)), ["0 %", "≤ 8 %"]);
 }
 

@@ -19,7 +19,7 @@ pub struct Block {
     pub rows: Vec<Vec<String>>,
 }
 
-const TABLE: [(&str, f32); 4] = [("what", 0.42), ("found", 0.2), ("allowed", 0.18), ("allowed by", 0.2)];
+const TABLE: [(&str, f32); 4] = [("check", 0.42), ("measured", 0.2), ("limit", 0.18), ("limit set by", 0.2)];
 
 /// Lists every film, including invalid films.
 pub(super) fn attempts(record: &CycleRecord) -> Block {
@@ -37,7 +37,7 @@ pub(super) fn attempts(record: &CycleRecord) -> Block {
         ]
     };
     Block {
-        heading: "Every film that was watched".to_owned(),
+        heading: "All observed films".to_owned(),
         columns: vec![
             ("film", 0.12),
             ("verdict", 0.09),
@@ -57,12 +57,12 @@ pub(super) fn numbers(record: &CycleRecord) -> Block {
         (Kind::Inspect, name::SMALLEST_BREAK, name::SMALLEST_BREAK),
         (Kind::Locate, name::RESIDUAL, name::RESIDUAL),
         (Kind::Plan, name::COVERAGE, "coverage, worst grid"),
-        (Kind::Abrade, name::REMOVED_BOUND, "removed over all passes, deepest place, 95 %"),
-        (Kind::Abrade, name::REMOVED_MEAN, "removed of the treated grids, mean"),
-        (Kind::Plan, name::REMOVED_EVEN, "planned removal, even within"),
-        (Kind::Plan, name::DWELL_RATIO, "longest to shortest dwell"),
+        (Kind::Abrade, name::REMOVED_BOUND, "removed depth over all passes, deepest place, 95 %"),
+        (Kind::Abrade, name::REMOVED_MEAN, "removed depth on the treated grids, mean"),
+        (Kind::Plan, name::REMOVED_EVEN, "planned removal, deviation from the target"),
+        (Kind::Plan, name::DWELL_RATIO, "ratio of longest to shortest dwell time"),
         (Kind::Plan, name::WORN_BY_A_GRID, name::WORN_BY_A_GRID),
-        (Kind::Abrade, name::OFF_PATH, "reported position off the planned path, largest"),
+        (Kind::Abrade, name::OFF_PATH, "largest distance of a reported pose from the path"),
     ];
     let last = |(kind, name, label): (Kind, &str, &str)| {
         let findings = record.findings.iter().rev().filter(|finding| finding.kind == kind);
@@ -75,7 +75,7 @@ pub(super) fn numbers(record: &CycleRecord) -> Block {
         Some(row)
     };
     Block {
-        heading: "Numbers with their limits".to_owned(),
+        heading: "Measured values with their limits".to_owned(),
         columns: TABLE.to_vec(),
         rows: wanted.into_iter().filter_map(last).collect(),
     }
@@ -90,7 +90,7 @@ fn kind_word(kind: Kind) -> &'static str {
         Kind::Plan => "path",
         Kind::Verify => "corner before contact",
         Kind::Abrade => "abrasion",
-        Kind::Gate => "gate before a motion",
+        Kind::Gate => "checks before a motion",
         Kind::Robot => "robot",
         Kind::SelfTest => "self-test",
         Kind::Tool => "compliant tool",
@@ -136,7 +136,7 @@ pub(super) fn deviations(record: &CycleRecord) -> Block {
     };
     Block {
         heading: "Deviations, and who accepted them".to_owned(),
-        columns: vec![("what", 0.22), ("words", 0.78)],
+        columns: vec![("what", 0.22), ("reasons or decision", 0.78)],
         rows: reviews.flat_map(review).collect(),
     }
 }
@@ -193,8 +193,8 @@ pub(super) fn reasons(record: &CycleRecord) -> Option<Block> {
         judgement.reasons.iter().map(move |reason| row(what.clone(), judgement.verdict, &reason.message))
     });
     let rows: Vec<Vec<String>> = of_cycle.chain(of_findings).collect();
-    let columns = vec![("of", 0.22), ("verdict", 0.1), ("reason", 0.68)];
-    (!rows.is_empty()).then(|| Block { heading: "Every reason".to_owned(), columns, rows })
+    let columns = vec![("finding", 0.22), ("verdict", 0.1), ("reason", 0.68)];
+    (!rows.is_empty()).then(|| Block { heading: "All reasons".to_owned(), columns, rows })
 }
 
 pub(super) fn all_checks(finding: &Finding) -> Block {

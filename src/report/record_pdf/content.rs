@@ -34,7 +34,7 @@ pub struct Sheet {
 
 /// Number of rows that each table is guaranteed on the page; the annex has all rows.
 const ROWS_EACH: usize = 5;
-const NOT_NAMED: &str = "not named at the start";
+const NOT_NAMED: &str = "not stated at the start";
 
 /// Tables that receive the free rows of the other tables, in this order: numbers, equipment and then failed grids.
 /// A row of these tables is one line.
@@ -85,7 +85,7 @@ impl Sheet {
             if block.rows.len() > most {
                 shown.rows.truncate(most);
                 shown.heading =
-                    format!("{}: the first {most} of {}, all in the annex", block.heading, block.rows.len());
+                    format!("{}: the first {most} of {}; all are in the annex", block.heading, block.rows.len());
                 annex.push(block);
             }
             blocks.push(shown);
@@ -120,7 +120,7 @@ fn disposition(record: &CycleRecord) -> String {
         return "AIR-RUN: the path was run above the panel; nothing was tested and nothing is released".to_owned();
     }
     let Some(judgement) = &record.judgement else {
-        return "NOT OVER: this is not the result of the cycle".to_owned();
+        return "NOT ENDED: this is not the final result of the cycle".to_owned();
     };
     let words = match judgement.verdict {
         Verdict::Pass => "the film held on every tested grid",
@@ -128,7 +128,7 @@ fn disposition(record: &CycleRecord) -> String {
         Verdict::Invalid => "the test gives no result; repeat it",
         Verdict::Review => "a person has to decide",
         Verdict::Reject => "the panel was not treated further",
-        Verdict::Aborted => "the cycle ended before it had a result",
+        Verdict::Aborted => "the cycle ended without a result",
         Verdict::Accept => "accepted",
     };
     let reasons: Vec<&str> = judgement.reasons.iter().map(|reason| reason.message.as_str()).collect();
@@ -148,7 +148,7 @@ fn facts(sources: &Sources<'_>) -> Vec<(String, String)> {
     let procedure = process.and_then(|process| process.procedure());
     let passes = process.map(|process| {
         format!(
-            "at most {} abrasions of a grid, {} passes of a part",
+            "at most {} abrasions per grid, {} passes per part",
             process.max_passes_per_grid(),
             process.passes_of_a_part()
         )
@@ -177,7 +177,7 @@ fn facts(sources: &Sources<'_>) -> Vec<(String, String)> {
 }
 
 fn earlier(earlier: Option<&[EarlierCycle]>) -> String {
-    let Some(earlier) = earlier else { return "not known: no serial number was named".to_owned() };
+    let Some(earlier) = earlier else { return "unknown: no serial number was stated".to_owned() };
     let cycles: Vec<String> = earlier.iter().map(|one| format!("cycle {}: {}", one.cycle, one.passes)).collect();
     match cycles.is_empty() {
         true => "none".to_owned(),
@@ -194,7 +194,7 @@ fn earlier(earlier: Option<&[EarlierCycle]>) -> String {
 fn time(record: &CycleRecord) -> String {
     let began = utc(record.started_unix_s);
     let took =
-        record.ended_unix_s.map_or("not over".to_owned(), |end| format!("{} s", end - record.started_unix_s));
+        record.ended_unix_s.map_or("not ended".to_owned(), |end| format!("{} s", end - record.started_unix_s));
     let simulated = if matches!(record.clocks[0], Some(Clock::Simulated { .. })) { "; SIMULATED CELL" } else { "" };
     format!("{began}, {took}{simulated}")
 }
@@ -217,7 +217,7 @@ fn criterion(record: &CycleRecord, process: Option<&recipe::Process>) -> String 
         (Some(mm2), Some(s)) => {
             format!("no grid with {} mm² of broken film or more within {} s", fixed(mm2, 1), fixed(s, 1))
         }
-        _ => "no film was judged".to_owned(),
+        _ => "no film was evaluated".to_owned(),
     }
 }
 
@@ -229,8 +229,8 @@ fn budget(record: &CycleRecord) -> String {
     };
     let total = match (budget.total_mm(), budget.stated_mm) {
         (Some(total), _) => uncertainty(total, "mm"),
-        (None, Some(stated)) => format!("{} stated by the cell's file", uncertainty(stated, "mm")),
-        (None, None) => "total not known".to_owned(),
+        (None, Some(stated)) => format!("{}, stated in the cell's file", uncertainty(stated, "mm")),
+        (None, None) => "total unknown".to_owned(),
     };
     let parts = [
         part("hand-eye", budget.hand_eye_mm),

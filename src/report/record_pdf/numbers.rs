@@ -60,7 +60,7 @@ pub(super) fn row(check: &Check, of: &str) -> Vec<String> {
     let (mut found, mut allowed) = (shown(value), bound.map(shown).unwrap_or_default());
     if let (false, Some(bound)) = (check.is_kept(), bound) {
         let [number, limit] = apart(value, bound, decimals);
-        (found, allowed) = (format!("{}, not allowed", unit(number)), unit(limit));
+        (found, allowed) = (format!("{}, outside of the limit", unit(number)), unit(limit));
     }
     let by = match &check.set_by {
         _ if bound.is_none() => String::new(),

@@ -43,12 +43,12 @@ impl PdfError {
     fn from_krilla(error: &KrillaError) -> Self {
         match error {
             KrillaError::Validation(broken) => {
-                PdfError { problem: format!("{} of its rules are broken", broken.len()) }
+                PdfError { problem: format!("{} rules of the standard are violated", broken.len()) }
             }
             KrillaError::Font(_, why) => PdfError { problem: format!("a font: {why}") },
             KrillaError::Image(_, _, why) => PdfError { problem: format!("a picture: {why}") },
-            KrillaError::Limit(_) => PdfError::new("it is too large"),
-            _ => PdfError::new("two of its parts have one name"),
+            KrillaError::Limit(_) => PdfError::new("the document is too large"),
+            _ => PdfError::new("two of its parts have the same name"),
         }
     }
 
@@ -76,11 +76,11 @@ pub fn pdf(sheet: &Sheet, figures: &[Figure], attached: &[Attached], unix_s: i64
     let (laid, _) = pages(sheet, &shown, &faces);
     let archival = ConfigurationBuilder::new().with_archival_validator(Archival::A3_B).finish();
     let settings = SerializeSettings {
-        configuration: archival.map_err(|_| PdfError::new("the library does not know the standard"))?,
+        configuration: archival.map_err(|_| PdfError::new("the PDF library does not support the standard"))?,
         ..SerializeSettings::default()
     };
     let mut document = Document::new_with(settings);
-    let date = date(unix_s).ok_or_else(|| PdfError::new("its time is no time"))?;
+    let date = date(unix_s).ok_or_else(|| PdfError::new("the time of the record is not a valid date"))?;
     document.set_metadata(
         Metadata::new()
             .title(sheet.title.clone())
@@ -89,7 +89,8 @@ pub fn pdf(sheet: &Sheet, figures: &[Figure], attached: &[Attached], unix_s: i64
             .language("en".to_owned())
             .creation_date(date),
     );
-    let size = PageSettings::from_wh(PAGE_PT[0], PAGE_PT[1]).ok_or_else(|| PdfError::new("a page has no size"))?;
+    let size =
+        PageSettings::from_wh(PAGE_PT[0], PAGE_PT[1]).ok_or_else(|| PdfError::new("the page size is not valid"))?;
     for marks in &laid {
         let mut page = document.start_page_with(size.clone());
         let mut surface = page.surface();
@@ -98,8 +99,9 @@ pub fn pdf(sheet: &Sheet, figures: &[Figure], attached: &[Attached], unix_s: i64
         page.finish();
     }
     for file in attached {
-        let embedded = embedded(file, date).ok_or_else(|| PdfError::new("a kind of file is not known"))?;
-        document.embed_file(embedded).ok_or_else(|| PdfError::new("two attached files have one name"))?;
+        let embedded =
+            embedded(file, date).ok_or_else(|| PdfError::new("the type of an attached file is unknown"))?;
+        document.embed_file(embedded).ok_or_else(|| PdfError::new("two attached files have the same name"))?;
     }
     document.finish().map_err(|error| PdfError::from_krilla(&error))
 }

@@ -90,7 +90,7 @@ fn films() -> Vec<Finding> {
 fn sheet(record: &CycleRecord, signatures: &[Signatory]) -> Sheet {
     let part = PartNames { serial: Some("SN 17".to_owned()), order: None, operator: Some("Ada".to_owned()) };
     let earlier = [EarlierCycle { cycle: 3, started_unix_s: 0, passes: 2 }];
-    let verified = LastVerification { day: "2026-05-30".to_owned(), error: "0.24 mm, allowed 0.8 mm".to_owned() };
+    let verified = LastVerification { day: "2026-05-30".to_owned(), error: "0.24 mm (limit 0.8 mm)".to_owned() };
     let equipment = [Equipment {
         what: "scanner, lens".to_owned(),
         serial: Some("2214".to_owned()),
@@ -124,7 +124,7 @@ fn the_map_tells_what_became_of_each_grid() {
     let failed = rows(&sheet, "Grids on which");
     assert_eq!(failed[0], ["r1c2", "first", "5.3 s", "203 mm²", "1", "0.0 mm²", "failed, abraded, then passed"]);
     assert_eq!(failed[1][5..], ["32 mm²", "failed"]);
-    let films = rows(&sheet, "Every film");
+    let films = rows(&sheet, "All observed films");
     assert_eq!(films.len(), 3, "the invalid one too");
     assert_eq!(films[1][..3], ["after pass 1", "invalid", "61.3 s"]);
 }
@@ -134,13 +134,13 @@ fn the_page_names_part_criteria_deviations_and_who_accepted_them() {
     let sheet = sheet(&record(films()), &[]);
     let fact = |name: &str| sheet.facts.iter().find(|(found, _)| found == name).map(|(_, value)| value.as_str());
     assert_eq!(fact("part, serial number"), Some("SN 17"));
-    assert_eq!(fact("work order"), Some("not named at the start"));
+    assert_eq!(fact("work order"), Some("not stated at the start"));
     assert_eq!(fact("procedure"), Some("ASTM F22-21, PS 4711 rev. C"));
     assert_eq!(fact("earlier passes on this part"), Some("2 (cycle 3: 2)"));
-    assert_eq!(fact("abrasion"), Some("at most 2 abrasions of a grid, 3 passes of a part"));
+    assert_eq!(fact("abrasion"), Some("at most 2 abrasions per grid, 3 passes per part"));
     assert_eq!(fact("acceptance"), Some("no grid with 30.0 mm² of broken film or more within 59.8 s"));
     // An uncertainty has two digits; a value that was not measured has no number.
-    let budget = "total not known (hand-eye 0.30 mm, localization 0.12 mm, fit not measured, robot not measured)";
+    let budget = "total unknown (hand-eye 0.30 mm, localization 0.12 mm, fit not measured, robot not measured)";
     assert_eq!(fact("error at the tool, 95 %"), Some(budget));
     assert!(fact("water").is_some_and(|water| water.contains("not measured, not stated")));
     let deviations = rows(&sheet, "Deviations");
@@ -162,11 +162,14 @@ fn numbers_stand_in_one_form() {
         let check = check.at_most(0.25, SetBy::recipe("locate.max_rms_mm"));
         let mut findings = films();
         findings.push(Finding::new(Kind::Locate, 0, judged(Verdict::Accept, "")).with([check]));
-        rows(&sheet(&record(findings), &[]), "Numbers")[0].clone()
+        rows(&sheet(&record(findings), &[]), "Measured values")[0].clone()
     };
     let what = "residual, point to plane, rms (localization)";
     assert_eq!(locate(Some(0.0912)), [what, "0.09 mm", "≤ 0.25 mm", "recipe, locate.max_rms_mm"]);
-    assert_eq!(locate(Some(0.2504)), [what, "0.2504 mm, not allowed", "≤ 0.25 mm", "recipe, locate.max_rms_mm"]);
+    assert_eq!(
+        locate(Some(0.2504)),
+        [what, "0.2504 mm, outside of the limit", "≤ 0.25 mm", "recipe, locate.max_rms_mm"]
+    );
     assert_eq!(locate(None), [what, "", "not measured", ""]);
     let share = Check::new("coverage", "", 1.0).at_least(0.99, SetBy::Program);
     assert_eq!(super::numbers::row(&share, "")[1..], ["1.00", "≥ 0.99", "program"]);
@@ -225,8 +228,11 @@ fn the_page_fits_on_one_sheet_and_the_rest_is_the_annex() {
     assert_eq!(first, 1, "one page to sign");
     assert!(
         laid.len() > 1
-            && rows(&sheet, "Every film").len() == 5
-            && sheet.annex.iter().any(|block| block.heading.starts_with("Every film") && block.rows.len() == 9),
+            && rows(&sheet, "All observed films").len() == 5
+            && sheet
+                .annex
+                .iter()
+                .any(|block| block.heading.starts_with("All observed films") && block.rows.len() == 9),
         "and an annex"
     );
     for mark in laid.iter().flatten() {

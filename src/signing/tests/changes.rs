@@ -50,14 +50,14 @@ fn each_kind_of_change_is_named() {
         (Box::new(|export, _| drop(export.statements.remove("cycle-3.json"))), "cycle-3.json is missing"),
         (
             Box::new(|export, _| exchange(export, "cycle-2", "cycle-5")),
-            "cycle-5.json holds record number 2, of cycle 2: it was exchanged",
+            "cycle-5.json contains record number 2 of cycle 2, not the record in its file name",
         ),
         (Box::new(|export, _| remove(export, "cycle-1")), "record number 1 is missing"),
         (
             Box::new(|export, _| remove(export, "cycle-6-signature-11")),
-            "rolled back: the head head.json is at record number 11; record number 11 is missing",
+            "rolled back: the chain head head.json is at record number 11; record number 11 is missing",
         ),
-        (Box::new(|_, head| head.bytes[10] ^= 1), "the head head.json was changed"),
+        (Box::new(|_, head| head.bytes[10] ^= 1), "the chain head head.json was changed"),
         (
             Box::new(|export, _| drop(export.pdfs.insert("cycle-3.pdf".to_owned(), content_hash(b"%PDF other")))),
             "cycle-3.pdf was changed: its SHA-256 is",
@@ -80,7 +80,7 @@ fn each_kind_of_change_is_named() {
         ),
         (
             Box::new(|export, _| exchange(export, "cycle-2-page", "cycle-5-page")),
-            "cycle-2-page.json is of cycle 5: it was exchanged",
+            "cycle-2-page.json belongs to cycle 5: the file was exchanged",
         ),
         (
             Box::new(|export, _| {
@@ -91,7 +91,7 @@ fn each_kind_of_change_is_named() {
                 export.statements.insert("cycle-3-page.json".to_owned(), page);
                 export.statements.insert("cycle-3-page.sig".to_owned(), signature);
             }),
-            "cycle-3.pdf was made before record number 5 of this cycle was signed",
+            "cycle-3.pdf is older than signed record number 5 of this cycle",
         ),
         (
             Box::new(|export, _| {
@@ -101,7 +101,7 @@ fn each_kind_of_change_is_named() {
                 export.statements.insert("cycle-3-page.json".to_owned(), page);
                 export.statements.insert("cycle-3-page.sig".to_owned(), signature);
             }),
-            "cycle-3-page.json is of another record than cycle-3.json",
+            "cycle-3-page.json does not belong to cycle-3.json",
         ),
         (Box::new(move |export, _| by_other_key(export)), "cycle-4.json was changed"),
         (
@@ -111,7 +111,7 @@ fn each_kind_of_change_is_named() {
                 let copy = export.statements["cycle-3.sig"].clone();
                 export.statements.insert("copy.sig".to_owned(), copy);
             }),
-            "are the same record",
+            "contain the same record",
         ),
         (
             Box::new(|export, _| drop(export.files.as_mut().expect("files").remove(&picture))),
@@ -142,8 +142,14 @@ fn a_forged_record_contradicts_the_chain_the_head_and_the_person() {
     export.statements.insert("cycle-6.sig".to_owned(), key().sign(&bytes).to_vec());
     export.statements.insert("cycle-6.json".to_owned(), bytes);
     let told = found(&export, None);
-    assert!(told.iter().any(|told| told.contains("number 11, does not follow from record number 10")), "{told:?}");
-    assert!(told.iter().any(|told| told.contains("Grace Hopper signed another record of cycle 6")), "{told:?}");
+    assert!(
+        told.iter().any(|told| told.contains("number 11, does not contain the hash of record number 10")),
+        "{told:?}"
+    );
+    assert!(
+        told.iter().any(|told| told.contains("Grace Hopper signed another version of the record of cycle 6")),
+        "{told:?}"
+    );
     export.statements.retain(|name, _| !name.contains("signature-11") && !name.contains("cycle-6-page"));
     export.pdfs.remove("cycle-6.pdf");
     assert_eq!(found(&export, None), [] as [String; 0]);
@@ -207,7 +213,7 @@ fn change(random: &mut Pcg64, export: &mut Export, head: &mut Signed) -> (&'stat
                 let of_cycle = |id: u64| if id == 1 { 1 } else { 2 * id - 2 };
                 number.unwrap_or_else(|| of_cycle(stem["cycle-".len()..].parse().expect("an id"))) <= keep
             });
-            ("rolled back", "rolled back: the head head.json is at record number 11; record".to_owned())
+            ("rolled back", "rolled back: the chain head head.json is at record number 11; record".to_owned())
         }
         8 => {
             let page = &pages[random.random_range(0..pages.len())];
@@ -234,7 +240,7 @@ fn change(random: &mut Pcg64, export: &mut Export, head: &mut Signed) -> (&'stat
         _ => {
             let bytes = if random.random::<bool>() { &mut head.bytes } else { &mut head.signature };
             flip(random, bytes);
-            ("the head", "the head head.json".to_owned())
+            ("the head", "the chain head head.json".to_owned())
         }
     }
 }

@@ -12,10 +12,10 @@ fn differences_name_their_place_and_let_a_later_program_keep_more() {
     let other = json!({"findings": [{"numbers": [1, 3]}], "asked": [], "events": 4});
     let told = differences(&signed, &other).join("; ");
     for words in [
-        "/panel: signed was \"wing\", there is null",
-        "/findings/0/numbers/1: signed was 2, there is 3",
-        "/asked: signed was a list of 1, there is a list of 0",
-        "/events: signed was 5, there is 4",
+        "/panel: signed value \"wing\", present value null",
+        "/findings/0/numbers/1: signed value 2, present value 3",
+        "/asked: signed value a list of 1, present value a list of 0",
+        "/events: signed value 5, present value 4",
     ] {
         assert!(told.contains(words), "no {words} in {told}");
     }

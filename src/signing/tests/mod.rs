@@ -196,7 +196,7 @@ fn keys_come_back_from_their_files() {
     assert_eq!(PublicKey::read_all(&both).expect("two"), [key().public(), other.clone()]);
     assert_eq!(PublicKey::of_hex(&other.hex()).expect("hex"), other);
     let refused = PublicKey::read_all(&pem).expect_err("a private one").to_string();
-    assert!(refused.contains("no block PUBLIC KEY") && refused.contains("valid: the PEM file"), "{refused}");
+    assert!(refused.contains("no PUBLIC KEY block") && refused.contains("valid: the PEM file"), "{refused}");
     assert!(CellKey::read("x").expect_err("no key").to_string().contains("openssl genpkey -algorithm ed25519"));
 }
 
@@ -237,7 +237,7 @@ fn what_is_no_canonical_record_is_refused() {
     assert!(SignedHead::read(bytes).is_err());
     let other = String::from_utf8(bytes.clone()).expect("UTF-8").replace(FORM, "panelprep-record-9");
     let refused = Statement::read(other.as_bytes()).expect_err("refused").to_string();
-    assert!(refused.contains("\"panelprep-record-9\", known is \"panelprep-record-1\""), "{refused}");
+    assert!(refused.contains("\"panelprep-record-9\", expected \"panelprep-record-1\""), "{refused}");
 }
 
 /// Canonical JSON stores a plan's number as a text. The record reads back unchanged, and a serial number of digits

@@ -33,7 +33,7 @@ fn allowed_commands_are_asked_for() {
             assert_eq!(acts, [NodeAction::Ask { command, is_noted: true }]);
         }
         let why = refusal(&send_command(&mut born(false), &self::yes(name), 1));
-        assert!(why.contains("is not allowed here") && why.contains(name), "{why}");
+        assert!(why.contains("is not permitted by [sparkplug] commands") && why.contains(name), "{why}");
     }
     for name in ["Node Control/Start", "Node Control/Reset", "Node Control/Clear", "Node Control/Unhold", "Start"] {
         let why = refusal(&send_command(&mut born(true), &yes(name), 1));
@@ -76,15 +76,15 @@ fn other_messages_are_refused() {
     let of = |metrics| Payload { timestamp: None, metrics, seq: None }.encode_to_vec();
     let cases: [(Vec<u8>, &str); 12] = [
         (vec![], "no metric"),
-        (b"stop".to_vec(), "no Sparkplug B payload"),
-        (vec![0xff; 40], "no Sparkplug B payload"),
+        (b"stop".to_vec(), "not a Sparkplug B payload"),
+        (vec![0xff; 40], "not a Sparkplug B payload"),
         (of(vec![Metric::default(); 33]), "has 33 metrics (limit 32)"),
-        (of(vec![Metric::default()]), "without name and alias"),
+        (of(vec![Metric::default()]), "without a name or an alias"),
         (of(vec![null]), "valid: the Boolean true"),
         (written(Some(stop), None, Some(Wire::Boolean(false))), "valid: the Boolean true"),
         (written(Some(stop), None, Some(Wire::Int(1))), "valid: the Boolean true"),
         (written(Some(stop), None, None), "valid: the Boolean true"),
-        (written(Some(stop), Some(1_001), Some(Wire::Boolean(true))), "found the metric"),
+        (written(Some(stop), Some(1_001), Some(Wire::Boolean(true))), "cannot be written; valid"),
         (written(None, Some(2), Some(Wire::Boolean(true))), "\"State/number\", which is read-only"),
         (written(None, Some(999), Some(Wire::Boolean(true))), "with the alias 999"),
     ];

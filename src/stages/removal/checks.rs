@@ -32,8 +32,8 @@ impl RemovedBefore {
         .at_most(0.0, SetBy::Program)
         .reviews("earlier_unknown", || {
             format!(
-                "{} earlier cycles abraded this part to an unknown depth: measure what is left, {} µm may be \
-                     removed in total",
+                "{} earlier cycles abraded this part to an unknown depth: measure the remaining thickness; in \
+                 total, {} µm may be removed",
                 self.unknown,
                 asked.max_um()
             )
@@ -67,16 +67,16 @@ pub(super) fn checks(figures: Option<&Figures>, (asked, bounded): (&recipe::Remo
             || {
                 let [found, allowed] = apart(bound_um.unwrap_or(f64::NAN), max_um, 1);
                 format!(
-                    "over all passes up to {found} µm may be removed at the deepest place (95 %; limit {allowed}, \
-                     max_um); choose a lower target_um or force_n or a higher feed_mm_s, or measure more coupons \
-                     for a better k"
+                    "at the deepest place, all passes together may remove up to {found} µm (upper 95 % bound; \
+                     limit {allowed} µm, max_um); choose a lower target_um or force_n or a higher feed_mm_s, or \
+                     measure more coupons for a more accurate k"
                 )
             },
         ),
         Check::new("passes that the target takes", "", passes).at_most(1.0, SetBy::Program).reviews("more_passes", || {
             format!(
-                "one pass removes {} µm on average, the target is {} µm and needs {} passes; with a lower {} or a \
-                 higher force_n one is enough",
+                "one pass removes {} µm on average, so the target of {} µm needs {} passes (limit 1); lower {} or \
+                 raise force_n so that one pass is enough",
                 fixed(of(|found| found.mean_um).unwrap_or(f64::NAN), 1),
                 fixed(target_um, 1),
                 fixed(passes.unwrap_or(f64::NAN), 0),
@@ -91,7 +91,7 @@ pub(super) fn checks(figures: Option<&Figures>, (asked, bounded): (&recipe::Remo
             || {
                 let [found, allowed] = apart(within.unwrap_or(f64::NAN), asked.even_percent(), 1);
                 format!(
-                    "95 % of the treated area is expected within {found} % of the target (limit {allowed} %, \
+                    "95 % of the treated area is expected within {found} % of the target depth (limit {allowed} %, \
                      even_percent); {}",
                     evenness_advice(asked, bounded)
                 )
@@ -114,14 +114,15 @@ pub(super) fn force(force_n: f64, model: &Model) -> Check {
         let force = fixed(force_n, 1);
         match holds {
             Some([least_n, most_n]) => format!(
-                "the force of {force} N is outside of {} to {} N, for which the coupons are valid; press coupons \
-                 with this force, or with forces {FORCE_RANGE} times apart on both sides of it",
+                "the force of {force} N is outside of the range {} to {} N for which the coupons are valid; \
+                 measure coupons with this force, or with forces below and above it that differ by a factor of \
+                 {FORCE_RANGE}",
                 fixed(least_n, 1),
                 fixed(most_n, 1)
             ),
             None => format!(
-                "the removal model does not state with which forces its coupons were pressed, and the recipe's is {force} N; calibrate the \
-                 removal again"
+                "the removal model does not state the forces of its coupons, so the recipe's force of {force} N \
+                 cannot be checked; calibrate the removal again"
             ),
         }
     })
@@ -131,16 +132,20 @@ pub(super) fn force(force_n: f64, model: &Model) -> Check {
 fn evenness_advice(asked: &recipe::Removal, bounded: AtBounds) -> String {
     let percent = |share: f64| fixed(100.0 * share, 0);
     match asked.method() {
-        RemovalMethod::Constant => "method = \"scheduled\" makes it more even".to_owned(),
+        RemovalMethod::Constant => "set method = \"scheduled\" for a more even removal".to_owned(),
         RemovalMethod::Scheduled if bounded.highest > LIMITED_FEED_SHARE => format!(
-            "{} % of the way in contact already has the highest feed: a higher feed_mm_s or a lower force_n makes it more even",
+            "{} % of the path in contact already has the highest feed: raise feed_mm_s or lower force_n for a more \
+             even removal",
             percent(bounded.highest)
         ),
         RemovalMethod::Scheduled if bounded.lowest > LIMITED_FEED_SHARE => format!(
-            "{} % of the way in contact already has the lowest feed: a lower min_feed_mm_s or a higher force_n makes it more even",
+            "{} % of the path in contact already has the lowest feed: lower min_feed_mm_s or raise force_n for a \
+             more even removal",
             percent(bounded.lowest)
         ),
-        RemovalMethod::Scheduled => "a smaller step_over_mm or a larger disc makes it more even".to_owned(),
+        RemovalMethod::Scheduled => {
+            "use a smaller step_over_mm or a larger disc for a more even removal".to_owned()
+        }
     }
 }
 

@@ -57,8 +57,8 @@ fn the_feed_that_hinders_is_named() {
         uneven.map(|reason| reason.message).unwrap_or_default()
     };
     let [fast, slow] = [told(30.0, 5.0), told(120.0, 100.0)];
-    assert!(fast.contains("the highest feed: a higher feed_mm_s or a lower force_n"), "{fast}");
-    assert!(slow.contains("the lowest feed: a lower min_feed_mm_s or a higher force_n"), "{slow}");
+    assert!(fast.contains("the highest feed: raise feed_mm_s or lower force_n"), "{fast}");
+    assert!(slow.contains("the lowest feed: lower min_feed_mm_s or raise force_n"), "{slow}");
 }
 
 /// Calculated by hand: e^(2.228 · √(0.02² + 0.03² + 0.0510²)) = 1.149 times the expected removal; the force is

@@ -90,7 +90,7 @@ fn an_earlier_programs_database_is_kept_before_its_tables_are_changed() {
     become_the_first_schema(&path);
     fs::remove_file(path.join("panelprep.head")).expect("the first program wrote none");
     let refused = Store::copy_rows(&path, &folder.path().join("copy")).expect_err("an earlier one").to_string();
-    assert!(refused.contains("has schema 1, this program works with 9: start the service once"), "{refused}");
+    assert!(refused.contains("has schema 1, this program needs schema 9. Start the service once"), "{refused}");
 
     let rows = |file: &str| -> (i64, i64) {
         let connection = Connection::open(path.join(file)).expect("opens");

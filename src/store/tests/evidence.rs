@@ -111,25 +111,22 @@ fn every_deletion_edit_and_exchange_is_named() {
         ("UPDATE verification_strikes SET by = 'B'", "changed: strike of verification 1"),
         ("UPDATE taught_corners SET picture_hash = '0' WHERE position = 1", "taught corner 65537"),
         ("UPDATE taught_panels SET name = 'fin'", "changed: taught panel 1"),
-        (exchange, "reordered: journal line 7 holds what was written as journal line 9"),
-        ("INSERT INTO findings VALUES (9, 1, 'locate', 0, '{}')", "put in: finding 9"),
+        (exchange, "reordered: journal line 7 contains what was written as journal line 9"),
+        ("INSERT INTO findings VALUES (9, 1, 'locate', 0, '{}')", "inserted: finding 9"),
         (
             "INSERT INTO journal SELECT sequence + 1, NULL, unix_ms, event, chain FROM journal WHERE sequence = 120",
-            "put in: journal line 121",
+            "inserted: journal line 121",
         ),
         ("DELETE FROM chain WHERE link > 100", "rolled back"),
         ("DELETE FROM chain WHERE link = 100", "links 100 to 100 of the chain are missing"),
-        (
-            "UPDATE chain SET row_key = row_key + 1 WHERE link = 100",
-            "link 100 of the chain is not what was written",
-        ),
+        ("UPDATE chain SET row_key = row_key + 1 WHERE link = 100", "link 100 of the chain was changed or moved"),
         ("DELETE FROM chain", "rolled back"),
         ("DROP TABLE discs", "cannot be read"),
         (
             "CREATE TRIGGER t AFTER INSERT ON journal BEGIN DELETE FROM findings; END",
             "trigger t does not belong to this program",
         ),
-        ("DROP INDEX findings_by_cycle", "index findings_by_cycle was changed or is gone"),
+        ("DROP INDEX findings_by_cycle", "index findings_by_cycle was changed or is missing"),
     ];
     for (sql, words) in planted {
         let folder = whole();
@@ -169,7 +166,7 @@ fn a_chain_that_was_written_anew_contradicts_its_head() {
     }
     drop(connection);
     let found = verify(&folder);
-    assert!(matches!(rows_alone(&found)[..], [words] if words.contains("written anew")), "{found:?}");
+    assert!(matches!(rows_alone(&found)[..], [words] if words.contains("the chain was rewritten")), "{found:?}");
 }
 
 /// One bit is changed in every page, at many positions. The file's hash detects every change; rows, links and
@@ -223,7 +220,7 @@ fn the_last_line_alone_cannot_be_cut_off() {
         "DELETE FROM chain WHERE link = (SELECT max(link) FROM chain); DELETE FROM verification_strikes",
     );
     let found = verify(&folder);
-    assert!(found.found.iter().any(|words| words.contains("rolled back: 1 writings")), "{found:?}");
+    assert!(found.found.iter().any(|words| words.contains("rolled back: 1 entries")), "{found:?}");
 }
 
 /// The content of a store from an earlier version of this program is added to a chain, once.

@@ -50,10 +50,10 @@ fn a_store_without_its_log_starts_in_aborted_until_a_person_clears_it() {
     fs::write(lost.join(DATABASE), before).expect("copied");
     fs::copy(path.join(head::FILE), lost.join(head::FILE)).expect("copied");
     let found = Store::verify(&lost, false).expect("verified").found;
-    assert!(found.iter().any(|words| words.starts_with("rolled back: 2 writings")), "{found:?}");
+    assert!(found.iter().any(|words| words.starts_with("rolled back: 2 entries")), "{found:?}");
 
     let mut store = Store::create(&lost).expect("opens");
-    assert!(store.changed()[0].contains("rolled back: 2 writings"), "{:?}", store.changed());
+    assert!(store.changed()[0].contains("rolled back: 2 entries"), "{:?}", store.changed());
     assert_eq!(store.recover().expect("recovers").at, At::Aborted { cause: Cause::StoreChanged });
     drop(store);
     // The next start finds nothing new, and rests in the same state.

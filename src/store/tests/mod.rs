@@ -106,11 +106,11 @@ fn an_unknown_panel_or_version_lists_what_there_is() {
     assert!(refusal(&store, "wing", None).contains("run panelprep teach first"));
     let version = store.teach(&teaching("wing")).expect("taught");
     store.teach(&teaching("fairing")).expect("taught");
-    let expected = "no panel 'wnig' was taught; did you mean 'wing'? There are: fairing, wing";
+    let expected = "no panel 'wnig' was taught; did you mean 'wing'? Taught panels: fairing, wing";
     assert_eq!(refusal(&store, "wnig", Some("0123")), expected);
     assert!(
         refusal(&store, "wing", Some("0123"))
-            .ends_with(&format!("no version 0123; there are, oldest first: {version}"))
+            .ends_with(&format!("no version 0123; versions, oldest first: {version}"))
     );
 }
 
@@ -190,7 +190,10 @@ fn a_newer_store_and_a_foreign_database_are_refused() {
     store.connection.pragma_update(None, "user_version", 10).expect("set");
     drop(store);
     let error = Store::open(&folder.path().join("store")).expect_err("newer").to_string();
-    assert!(error.contains("has schema 10, this program knows up to 9: use the newer program"), "{error}");
+    assert!(
+        error.contains("has schema 10, this program supports schemas up to 9: use the newer program"),
+        "{error}"
+    );
 
     let other = folder.path().join("other");
     fs::create_dir(&other).expect("made");

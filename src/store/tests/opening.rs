@@ -74,7 +74,7 @@ fn a_mistyped_folder_is_named_and_stays_absent() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("sotre");
     let refused = Store::open(&path).expect_err("absent").to_string();
-    assert!(refused.contains("no store in") && refused.contains("sotre"), "{refused}");
+    assert!(refused.contains("no store found in") && refused.contains("sotre"), "{refused}");
     assert!(!path.exists());
 }
 

@@ -113,7 +113,7 @@ fn what_an_earlier_program_kept_is_taken_in_and_chained() {
     drop(store);
     // The cell's signatures name links of a chain that this test has changed.
     let found = Store::verify(&path, true).expect("verified").found;
-    assert!(found.iter().all(|words| words.contains("is not the one that signature")), "{found:?}");
+    assert!(found.iter().all(|words| words.contains("differs from the link that signature")), "{found:?}");
 }
 
 /// Leaves a chain as an earlier program wrote it, without the rows for the office, and a head that agrees with it.

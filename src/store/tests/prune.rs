@@ -65,7 +65,10 @@ fn old_clips_and_scans_go_and_everything_else_stays() {
     }
     fs::remove_file(path.join("blobs").join(&cycles[5].1[0])).expect("removed");
     let found = Store::verify(&path, true).expect("verified").found;
-    assert!(matches!(&found[..], [words] if words.contains("is missing, and nobody removed it")), "{found:?}");
+    assert!(
+        matches!(&found[..], [words] if words.contains("is missing, and no removal was recorded")),
+        "{found:?}"
+    );
     drop(store);
     let connection = Connection::open(path.join(DATABASE)).expect("opens");
     connection.execute("DELETE FROM pruned WHERE id = 3", []).expect("deleted");

@@ -141,9 +141,9 @@ fn the_parts_of_an_earlier_programs_store_are_found_reading_and_after_it_is_rais
 #[test]
 fn a_part_that_was_changed_is_named() {
     for (sql, words) in [
-        ("UPDATE cycle_parts SET serial = 'SN-2' WHERE cycle_id = 1", "changed: the part of cycle 1 is not"),
+        ("UPDATE cycle_parts SET serial = 'SN-2' WHERE cycle_id = 1", "changed: the part of cycle 1 differs"),
         ("DELETE FROM cycle_parts WHERE cycle_id = 2", "deleted: the part of cycle 2"),
-        ("INSERT INTO cycle_parts (cycle_id, serial) VALUES (4, 'SN-4')", "put in: the part of cycle 4"),
+        ("INSERT INTO cycle_parts (cycle_id, serial) VALUES (4, 'SN-4')", "inserted: a part of cycle 4"),
     ] {
         let (folder, store) = four();
         drop(store);

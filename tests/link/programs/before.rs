@@ -31,7 +31,7 @@ fn walks_show_the_faults_of_before() {
             "RESUME with $ADVANCE at 3",
             Meaning { resume_needs_advance_0: true, ..standard },
             0,
-            "RESUME with $ADVANCE",
+            "RESUME needs $ADVANCE",
         ),
         ("$POS_ACT of a program that is gone", standard, 8, "$POS_ACT has no value"),
     ];

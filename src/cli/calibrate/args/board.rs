@@ -6,14 +6,14 @@ use clap::Args;
 #[derive(Debug, Clone, Args)]
 pub struct BoardArgs {
     /// Inner corners of a chessboard, 9x6; squares of a ChArUco board, charuco:8x6:15:4X4_50[:legacy]; circles,
-    /// circles:7x11:40 (7 in each of 11 rows, 40 mm apart both ways), acircles:4x11:20 (4 in each of 11 rows, rows 20 mm
+    /// circles:7x11:40 (7 in each of 11 rows, 40 mm apart in both directions), acircles:4x11:20 (4 in each of 11 rows, rows 20 mm
     /// apart, circles of a row 40 mm, each second row shifted by 20 mm).
     #[arg(long)]
     pub board: String,
     /// Side of a square, mm; measure it over many squares. Not needed for circles.
     #[arg(long, value_name = "MM")]
     pub square_mm: Option<f64>,
-    /// Half the side of the window that refines a corner, px; without it, calculated from the distance of corners.
+    /// Half the side of the window that refines a corner, px; if not given, calculated from the distance of corners.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100))]
     pub subpix: Option<u32>,
 }

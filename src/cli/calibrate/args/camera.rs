@@ -18,10 +18,10 @@ pub enum CameraName {
 #[derive(Debug, Clone, Args)]
 pub struct LiveArgs {
     /// Take the pictures now, with the cell's camera, and keep them and their poses in this folder. The command
-    /// reports what each picture shows and which one to take next.
+    /// reports what each picture shows and which picture to take next.
     #[arg(long, value_name = "DIR")]
     pub live: Option<PathBuf>,
-    /// With --live: take this number of pictures without asking; without it, one at each Enter.
+    /// With --live: take this number of pictures without asking; without this option, one each time Enter is pressed.
     #[arg(long, value_name = "N", requires = "live", value_parser = clap::value_parser!(u32).range(1..=60))]
     pub count: Option<u32>,
     /// With --count: the time between two pictures, s, in which a person moves the board to its next pose.
@@ -44,7 +44,7 @@ impl LiveArgs {
 pub enum ModelName {
     /// The simplest model that predicts left-out pictures as well as any other model.
     Auto,
-    /// None.
+    /// No distortion.
     Pinhole,
     /// k1.
     K1,
@@ -138,7 +138,7 @@ pub struct HandEye {
     /// The file to write.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Folder for pictures; without it, the folder of `--out`.
+    /// Folder for pictures; without this option, the folder of `--out`.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
     /// With --live: the arm moves automatically, each time through the gate of `panelprep robot move-j`.

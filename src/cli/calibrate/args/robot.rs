@@ -41,7 +41,7 @@ pub struct Tcp {
     /// Read the poses from the controller now, one each time Enter is pressed, and store them in this folder.
     #[arg(long, value_name = "DIR")]
     pub live: Option<PathBuf>,
-    /// The arm's correction from `calibrate robot`; without it, the correction that the cell's file names.
+    /// The arm's correction from `calibrate robot`; without this option, the correction that the cell's file names.
     #[arg(long, value_name = "FILE")]
     pub robot: Option<PathBuf>,
     /// The file to write.
@@ -64,7 +64,7 @@ pub struct Force {
 /// Options of `calibrate removal`.
 #[derive(Debug, Clone, Args)]
 pub struct Removal {
-    /// Measured depths.
+    /// The file of the measured depths.
     #[arg(value_name = "COUPONS.csv")]
     pub coupons: PathBuf,
     /// Diameter of the disc's contact, mm.

@@ -16,7 +16,7 @@ pub struct Verify {
     /// The fixed board; the file of `--target` states its kind, and the command may also state it.
     #[command(flatten)]
     pub board: NamedBoard,
-    /// Instead of a board: the recipe of a panel that is at its nominal place, with its first taught corner.
+    /// Instead of a board: the recipe of a panel that is at its nominal pose, with its first taught corner.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["board", "square_mm", "target", "learn"])]
     pub recipe: Option<PathBuf>,
     /// A picture of the target, or the 3D camera's shot.
@@ -32,7 +32,7 @@ pub struct Verify {
     /// error over the working volume, with a map.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["image", "flange", "recipe", "learn"])]
     pub poses: Option<PathBuf>,
-    /// The flange's pose at that picture, for the camera on the flange.
+    /// The flange's pose at the picture, for the camera on the flange.
     #[arg(long, value_name = "POSE.json")]
     pub flange: Option<PathBuf>,
     /// The known pose of the board.
@@ -77,7 +77,7 @@ pub struct StrikeOut {
     /// The person who strikes the verification out.
     #[arg(long, value_name = "NAME", value_parser = parse_non_empty)]
     pub by: String,
-    /// Why.
+    /// The reason.
     #[arg(long, value_name = "TEXT", value_parser = parse_non_empty)]
     pub why: String,
 }

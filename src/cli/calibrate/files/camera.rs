@@ -46,7 +46,7 @@ pub fn points(file: &str, text: &str) -> Result<Points, Problems> {
         }
         top.done();
         if flange.flatten().is_some_and(|pose| like_radians(&pose)) {
-            let message = "these angles look like radians; A, B, C are written in degrees";
+            let message = "these angles look like radians; write A, B, C in degrees";
             top.problem("base_from_flange", message);
             return None;
         }
@@ -56,7 +56,7 @@ pub fn points(file: &str, text: &str) -> Result<Points, Problems> {
             }
             (None, None) => None,
             _ => {
-                top.problem("p4_mm", "p4_mm and p4_corner belong together");
+                top.problem("p4_mm", "p4_mm and p4_corner belong together; give both or none");
                 return None;
             }
         };

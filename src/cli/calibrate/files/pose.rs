@@ -47,11 +47,11 @@ fn of_matrix(rows: &[toml::Spanned<DeValue<'_>>]) -> Result<KukaPose, String> {
     if off > ORTHONORMAL {
         let [off, limit] = apart(off, ORTHONORMAL, 4);
         return Err(format!(
-            "the matrix is no pose: its rotation deviates from an orthonormal one by {off} (limit {limit})"
+            "the matrix is not a pose: its rotation deviates from an orthonormal matrix by {off} (limit {limit})"
         ));
     }
     if rotation.determinant() < 0.0 {
-        return Err("the matrix is no pose: its axes are not right-handed".to_owned());
+        return Err("the matrix is not a pose: its axes are not right-handed".to_owned());
     }
     let rotation = nalgebra::Rotation3::from_matrix_eps(&rotation, 1e-12, 100, nalgebra::Rotation3::identity());
     let place = nalgebra::Translation3::new(matrix[(0, 3)], matrix[(1, 3)], matrix[(2, 3)]);

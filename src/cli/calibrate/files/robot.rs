@@ -32,7 +32,7 @@ fn stated_pose(section: &Section<'_, '_>) -> Option<StatedPose> {
         (None, Some(joints)) => Some(StatedPose::Axes(joints)),
         (Some(flange), Some(joints)) => Some(StatedPose::Both(flange, joints)),
         (None, None) => {
-            section.problem("axes_deg", "a pose states base_from_flange, axes_deg = [A1, …, A6], or both");
+            section.problem("axes_deg", "a pose must state base_from_flange, axes_deg = [A1, …, A6], or both");
             None
         }
     }
@@ -102,7 +102,7 @@ pub fn arm_touches(
                 (None, Some([column, row]), None) => StatedTouch::Corner(column, row),
                 (None, Some([column, row]), Some(image)) => StatedTouch::CornerIn(column, row, image),
                 _ => {
-                    let allowed = "a touch states spot = N, or corner = [COLUMN, ROW] of a board at rest, with \
+                    let allowed = "a touch must state spot = N, or corner = [COLUMN, ROW] of a board at rest, with \
                                    image = \"FILE\" if the fixed camera sees it";
                     section.problem("spot", allowed);
                     return None;

@@ -10,14 +10,14 @@ pub(super) fn say_lens(outcome: &Outcome) {
     let verdict = outcome.json.get("verdict").and_then(serde_json::Value::as_str).unwrap_or_default();
     if let (Some(rms_px), Some(coverage)) = (number("rms_px"), number("coverage")) {
         tell(&format!(
-            "so far: {verdict}, {rms_px:.3} px rms, corners cover {:.0} % of the picture",
+            "so far: {verdict}, residuals {rms_px:.3} px rms, corners cover {:.0} % of the picture",
             100.0 * coverage
         ));
     }
     say_reasons(outcome);
     match outcome.json.get("next_picture").and_then(serde_json::Value::as_str) {
         Some(next) => tell(&format!("next: {next}")),
-        None => tell("enough: no further picture makes the lens's error smaller by 2 % or more"),
+        None => tell("enough pictures: no further picture reduces the lens's error by 2 % or more"),
     }
 }
 
@@ -36,17 +36,17 @@ pub(super) fn say_mount(outcome: &Outcome) -> bool {
         say_reasons(outcome);
         return true;
     };
-    tell(&format!("so far: {verdict}, ± {uncertainty_mm:.3} mm at the panel (95 %)"));
+    tell(&format!("so far: {verdict}, uncertainty ± {uncertainty_mm:.3} mm at the panel (95 %)"));
     say_reasons(outcome);
     let (Some(pose), Some(next_mm)) = (next_pose(outcome), number("next_uncertainty_mm")) else {
-        tell("enough: no further pose makes the mount's error smaller");
+        tell("enough poses: no further pose reduces the mount's uncertainty");
         return verdict != Verdict::Accept.word();
     };
     // The next pose is chosen for the pictures: its error is compared with theirs, not with that of the points.
     let by_pictures_mm = number("picture_uncertainty_mm").unwrap_or(uncertainty_mm);
     let is_worth = next_mm < MAX_REMAINING_SHARE * by_pictures_mm && by_pictures_mm > WELL_KNOWN_MM;
     let worth = if is_worth { "next" } else { "enough poses; the most useful further pose" };
-    tell(&format!("{worth}: flange {pose}, for ± {next_mm:.3} mm"));
+    tell(&format!("{worth}: flange {pose}, then the uncertainty is ± {next_mm:.3} mm"));
     is_worth || verdict != Verdict::Accept.word()
 }
 

@@ -79,7 +79,7 @@ pub fn run(
     let mut single = single.carrying(cell.mounted_on_the_flange()?);
     tell(&format!(
         "The arm will move by itself, at {AXIS_PERCENT} % of its axes' speed, to up to {} poses around its present \
-         pose. Make sure that the way is free, and keep a hand on the enabling switch or the emergency stop.",
+         pose. Make sure that the path is clear, and keep a hand on the enabling switch or the emergency stop.",
         session.most(MAX_PICTURES)
     ));
     if session.ask()? == Choice::Done {
@@ -102,7 +102,9 @@ pub fn run(
         };
         if !is_there {
             let Some(next) = variations.next() else {
-                tell("no further pose: the others are out of the arm's reach or refused by its gate");
+                tell(
+                    "no further pose: the remaining poses are out of the arm's reach or refused by the motion gate",
+                );
                 return Ok(());
             };
             if !tour.goes_to(&next)? {
@@ -135,14 +137,14 @@ impl Tour<'_, '_> {
         let mut ways = reach::postures(&self.arm, base_from_flange, Point::at(0.0, 0.0, 0.0));
         ways.sort_by(|a, b| far_deg(a).total_cmp(&far_deg(b)));
         let Some(joints) = ways.first().filter(|joints| far_deg(joints) < MAX_TURN_DEG) else {
-            tell("that pose is left out: the arm does not come there, or only in another posture");
+            tell("this pose is skipped: the arm cannot reach the pose, or only in another configuration");
             return Ok(false);
         };
         match self.single.move_joints(*joints, AXIS_PERCENT, &self.cell.cell) {
             Ok(()) => Ok(true),
             Err(SingleError::Gate(judgement)) => {
                 let why = judgement.reasons.first().map_or(String::new(), |reason| reason.message.to_string());
-                tell(&format!("that pose is left out: {why}"));
+                tell(&format!("this pose is skipped: {why}"));
                 Ok(false)
             }
             Err(error) => Err(Fault::stage(error)),

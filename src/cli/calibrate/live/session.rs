@@ -129,7 +129,7 @@ impl<'a> Session<'a> {
             return Ok(Choice::Take);
         }
         tell(&format!(
-            "Press Enter to take picture {}; write done and press Enter when these are enough.",
+            "Press Enter to take picture {}; type done and press Enter when the pictures are enough.",
             self.taken() + 1
         ));
         Ok(match answer()?.as_deref() {
@@ -166,7 +166,7 @@ impl<'a> Session<'a> {
                 self.found += 1;
                 let share = 100.0 * coverage((picture.width, picture.height), &found.corners);
                 tell(&format!(
-                    "{name}: the board is found, {} of {} corners, over {share:.0} % of the picture; pictures that show it: {}",
+                    "{name}: board found, {} of {} corners, over {share:.0} % of the picture; pictures with the board so far: {}",
                     found.corners.len(),
                     self.board.count(),
                     self.found
@@ -174,11 +174,11 @@ impl<'a> Session<'a> {
                 Ok(true)
             }
             Err(error) => {
-                tell(&format!("{name}: no board: {error}"));
+                tell(&format!("{name}: no board found: {error}"));
                 let gray = PictureQuality::compute(picture).mean_gray;
                 if gray < DARK {
                     tell(&format!(
-                        "  the picture is dark, mean grey level {gray:.0} of 255: switch on the light, or expose for longer"
+                        "  the picture is dark, mean grey level {gray:.0} of 255: switch on the light, or increase the exposure time"
                     ));
                 }
                 Ok(false)

@@ -31,7 +31,7 @@ pub fn look((args, folder): (&Verify, &Path), common: &Common, progress: &dyn Fn
             (image, Some(flange))
         }
     };
-    tell(&format!("{}: the picture that is looked at", image.display()));
+    tell(&format!("{}: the picture for the verification", image.display()));
     verify::run(&Verify { image: Some(image), flange, live: None, ..args.clone() }, common, progress)
 }
 

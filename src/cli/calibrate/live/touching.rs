@@ -35,7 +35,7 @@ fn read_answer(poses: &FlangePoses<'_>, may_be_axis: bool) -> Result<PoseAnswer,
             Some("axis") if may_be_axis => return Ok(PoseAnswer::Axis),
             Some("") => {}
             Some(other) => {
-                tell(&format!("\"{other}\" is no answer: press Enter alone, or write done"));
+                tell(&format!("\"{other}\" is not a valid answer: press Enter alone, or type done"));
                 continue;
             }
         }
@@ -66,16 +66,18 @@ pub fn tool((args, folder): (&Tcp, &Path), common: &Common) -> Result<Outcome, F
             file.display()
         ));
     }
-    tell("Hold the tip at the spot, in another orientation each time: six or more that differ by 30° or more.");
+    tell(
+        "Hold the tip at the same spot, in another orientation each time: six or more that differ by 30° or more.",
+    );
     loop {
         let number = text.matches(&format!("[[{table}]]")).count() + 1;
         tell(&match table {
             "poses" => format!(
-                "Press Enter for pose {number} of the tip; write axis to continue with the tool's axis, or done to \
+                "Press Enter for pose {number} of the tip; type axis to continue with the tool's axis, or done to \
                  end."
             ),
             _ => format!(
-                "Hold a mark on the tool's axis, behind the tip, at the same spot. Press Enter for pose {number} of it; write done to end."
+                "Hold a mark on the tool's axis, behind the tip, at the same spot. Press Enter for pose {number} of the mark; type done to end."
             ),
         });
         match read_answer(&poses, table == "poses")? {
@@ -102,10 +104,10 @@ fn say_tip(found: Result<Outcome, Fault>) {
         Ok(outcome) => {
             let number = |key: &str| outcome.json.get(key).and_then(serde_json::Value::as_f64);
             if let (Some(rms_mm), Some(uncertainty_mm)) = (number("rms_mm"), number("uncertainty_mm")) {
-                tell(&format!("so far: {rms_mm:.3} mm rms, the tip ± {uncertainty_mm:.3} mm (95 %)"));
+                tell(&format!("so far: residuals {rms_mm:.3} mm rms, tip ± {uncertainty_mm:.3} mm (95 %)"));
             }
         }
-        Err(fault) => tell(&format!("so far no tip: {fault}")),
+        Err(fault) => tell(&format!("so far the tip cannot be computed: {fault}")),
     }
 }
 

@@ -108,5 +108,5 @@ fn a_log_in_is_said_to_come_from_those_who_are_connected() {
     let address = |last| IpAddr::from([10, 0, 0, last]);
     assert_eq!(from_any(&[]), "OPC UA");
     assert_eq!(from_any(&[address(1)]), "OPC UA, 10.0.0.1");
-    assert_eq!(from_any(&[address(1), address(2)]), "OPC UA, one of 10.0.0.1, 10.0.0.2");
+    assert_eq!(from_any(&[address(1), address(2)]), "OPC UA, from one of the addresses 10.0.0.1, 10.0.0.2");
 }

@@ -239,8 +239,11 @@ async fn of_a_flood_little_reaches_the_loop_and_one_line_is_kept() {
     }
     let holds = cell.asked().len();
     assert!((20..60).contains(&holds), "{holds}");
-    let floods =
-        cell.audit().iter().filter(|line| line.refused.as_deref() == Some("too many calls in a row")).count();
+    let floods = cell
+        .audit()
+        .iter()
+        .filter(|line| line.refused.as_deref() == Some("too many calls in a short time"))
+        .count();
     assert_eq!(floods, 1);
     // Another person can continue to call, and a stop is always accepted.
     assert_eq!(status(&cell.call("Hold", &[], Some(Role::Engineer)).await), StatusCode::Good);

@@ -115,7 +115,7 @@ impl CameraCommand {
             }
             (_, None) => return Err(missing()),
             (_, Some(_)) => {
-                let why = "another picture was expected, but the recording has something else".to_owned();
+                let why = "a picture was expected, but the recording contains another response".to_owned();
                 return Err(CameraFault { camera: "a camera", why });
             }
         })
@@ -123,5 +123,5 @@ impl CameraCommand {
 }
 
 fn missing() -> CameraFault {
-    CameraFault { camera: "a camera", why: "the recording has no more pictures".to_owned() }
+    CameraFault { camera: "a camera", why: "the recording contains no more pictures".to_owned() }
 }

@@ -83,7 +83,7 @@ impl Recordable for RecordCommand {
             RecordCommand::AbradedBefore => Ok(RecordAnswer::Earlier(vec![])),
             RecordCommand::Check => Ok(RecordAnswer::Wrong(vec![])),
             RecordCommand::Filled => Ok(RecordAnswer::Full(None)),
-            _ => Err(RecordError("the replay has parted from the recording".into())),
+            _ => Err(RecordError("the replay differs from the recording".into())),
         }
     }
 

@@ -61,8 +61,8 @@ async fn what_is_no_region_is_not_proposed() {
         body.to_string()
     };
     for (body, words) in [
-        (with("corners_px", json!([[90, 10], [10, 10], [90, 60], [10, 60]])), "must go round"),
-        (with("held_px", json!([[[0, 0], [100, 0], [90, 9], [0, 9]]])), "outside of the picture, 100×80 px"),
+        (with("corners_px", json!([[90, 10], [10, 10], [90, 60], [10, 60]])), "must be in order around"),
+        (with("held_px", json!([[[0, 0], [100, 0], [90, 9], [0, 9]]])), "outside the picture (100×80 px)"),
         (with("outline_px", json!([[97, 2], [2, 2], [97, 70], [2, 70]])), "the outline crosses itself"),
     ] {
         let told = site.post(&engineer, "/setup/recipe/door.toml/proposal", &body).await;

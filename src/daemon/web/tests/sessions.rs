@@ -116,7 +116,7 @@ async fn a_changed_account_logs_in_anew_and_the_last_administrator_stays() {
     assert_eq!(site.post(&viewer, "/request/hold", "{}").await.status, StatusCode::FORBIDDEN);
     for change in [change("administrator", "viewer", true), change("administrator", "administrator", false)] {
         let told = site.post(&administrator, "/people", &change).await;
-        assert!(told.body.contains("the last that may change accounts"), "{}", told.body);
+        assert!(told.body.contains("the last enabled account that may manage accounts"), "{}", told.body);
     }
     // "Add" never changes an account that exists.
     let add = r#"{"is_new":true,"name":"inspector","printed_name":"Paul","role":"viewer","password":"a new password","is_enabled":true}"#;

@@ -129,22 +129,22 @@ fn a_wrong_camera_is_refused_in_words() {
     };
     let nowhere = Which::Address("127.0.0.77".to_owned());
     let absent = says(Settings { which: nowhere, ..settings(SIZE, FORMAT) });
-    assert!(absent.starts_with("the GigE Vision camera at 127.0.0.77 is not found"), "{absent}");
+    assert!(absent.starts_with("the GigE Vision camera at 127.0.0.77 was not found"), "{absent}");
     let _loopback = loopback(SIZE, FORMAT, numbered(picture()));
     let beside = LoopbackCamera::start("T2", SIZE, FORMAT, Box::new(numbered(picture())));
     assert_eq!(beside.err(), Some(NoLoopback::Taken), "one at a time, else a client speaks to either");
     let other = says(Settings { which: Which::Serial("T2".to_owned()), ..settings(SIZE, FORMAT) });
     assert!(
-        other.contains("serial T2 is not found; there is") && other.contains("serial T1 at 127.0.0.1"),
+        other.contains("serial T2 was not found: found") && other.contains("serial T1 at 127.0.0.1"),
         "{other}"
     );
     let swapped = says(Settings { serial: Some("T0".to_owned()), ..settings(SIZE, FORMAT) });
     assert!(
-        swapped.starts_with("the camera found is T1, expected is T0: its calibration is for that one"),
+        swapped.starts_with("found the camera with serial T1, but the calibration is for serial T0"),
         "{swapped}"
     );
     let larger = says(settings([512, 384], FORMAT));
-    assert_eq!(larger, "the camera's picture is 256×192, its calibration is for 512×384");
+    assert_eq!(larger, "the camera's picture is 256×192 px, but its calibration is for 512×384 px");
     let gain = says(Settings { gain_db: Some(60.0), ..settings(SIZE, FORMAT) });
     assert!(gain.contains("does not accept Gain = 60: it allows 0 to 48"), "{gain}");
     let set = says(Settings { user_set: "UserSet7".to_owned(), ..settings(SIZE, FORMAT) });
@@ -154,7 +154,7 @@ fn a_wrong_camera_is_refused_in_words() {
     );
     // 12 s is longer than one picture at the lowest frame rate that the camera accepts, 0.1 pictures per second.
     let exposure = says(Settings { exposure_us: Some(12e6), ..settings(SIZE, FORMAT) });
-    assert!(exposure.contains("does not accept AcquisitionFrameRate = 0.075: it allows 0.1 to 1000"), "{exposure}");
+    assert!(exposure.contains("does not accept AcquisitionFrameRate = 0.075: valid: 0.1 to 1000"), "{exposure}");
     // Another program controls the camera: here this program, with a second connection.
     let mut first = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
     wait_for("the camera", || first.standing() == LinkStatus::Connected);

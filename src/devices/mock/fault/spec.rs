@@ -13,7 +13,7 @@ pub enum FaultSpecError {
     #[error("an item is empty; items are separated by single commas")]
     Empty,
     /// The name is no fault or setting.
-    #[error("\"{item}\": there is no {name}{}; known are {}", nearest(name), known())]
+    #[error("\"{item}\": {name} is not a fault or setting{}; valid: {}", nearest(name), known())]
     Unknown {
         /// The whole item.
         item: String,
@@ -31,7 +31,7 @@ pub enum FaultSpecError {
         allowed: &'static str,
     },
     /// A value or duration that is not allowed here.
-    #[error("\"{item}\": {name} takes no {what}")]
+    #[error("\"{item}\": {name} does not accept a {what}")]
     Needless {
         /// The whole item.
         item: String,
@@ -41,13 +41,15 @@ pub enum FaultSpecError {
         what: &'static str,
     },
     /// A fault without a time.
-    #[error("\"{item}\": when? Add @TIME (@3s, @250ms) or @#N, the arrival of the Nth command")]
+    #[error(
+        "\"{item}\": the time of the fault is missing; add @TIME (@3s, @250ms) or @#N, the arrival of the Nth command"
+    )]
     NoTime {
         /// The whole item.
         item: String,
     },
     /// A text is not a valid time.
-    #[error("\"{item}\": {found} is no time; write 3s, 1.5s or 250ms, at most 1 day{}", command(*at))]
+    #[error("\"{item}\": {found} is not a time; write 3s, 1.5s or 250ms, at most 1 day{}", command(*at))]
     Time {
         /// The whole item.
         item: String,
@@ -102,16 +104,16 @@ impl FaultSpec {
     /// The syntax of a specification.
     pub const HELP: &'static str = "\
 Items separated by commas. A fault is NAME[=VALUE][/DURATION]@WHEN; WHEN is a time since the start (3s, 250ms) or #N,
-the arrival of the Nth command; without a duration it lasts.
+the arrival of the Nth command; without a duration, the fault remains.
   cut[=command|state|both]@WHEN   close the connections      garbage[=command|state|both]@WHEN   send no XML
-  unplug[/D]@WHEN  cable out      mute[/D]@WHEN  say nothing       no-acks[/D]@WHEN  acknowledge nothing
-  stall[/D]@WHEN   submit stops   skip-state@WHEN  leave a number out
+  unplug[/D]@WHEN  cable out      mute[/D]@WHEN  send nothing      no-acks[/D]@WHEN  acknowledge nothing
+  stall[/D]@WHEN   submit stops   skip-state@WHEN  skip a state number
   lose-base@WHEN, lose-tool@WHEN, wrong-base@WHEN    the next set_base or set_tcp has no effect, or is 1 mm off
   refuse=1..12@WHEN   refuse the next command with that Err  slow=1..100[/D]@WHEN   percent of the speed
-  override=1..100[/D]@WHEN   the override that a person sets (slow is not reported; the programs give up a refused motion with Err 8, whatever the Err)
+  override=1..100[/D]@WHEN   the override that a person sets (slow is not reported; with refuse, the programs end the motion with Err 8 for any Err)
   measured=1..200[/D]@WHEN   the tool's pose is reported this many mm off along Z
   e-stop[/D]@WHEN, guard[/D]@WHEN, drives[/D]@WHEN, mode=T1|T2|AUT|EXT[/D]@WHEN, deselect[/D]@WHEN, reboot[/D]@WHEN
-Settings: seed=N   delay=20ms or delay=2ms..25ms, each way   fragment   random=N/D: N faults at random in that time
+Settings: seed=N   delay=20ms or delay=2ms..25ms, each way   fragment   random=N/D: N random faults within the duration D
 Example: seed=7,delay=5ms..15ms,fragment,unplug/2s@10s,refuse=8@#40";
 }
 
@@ -125,7 +127,7 @@ impl FromStr for FaultSpec {
             let item = Item::parse(text.trim())?;
             match item.name {
                 "seed" => {
-                    spec.seed = item.plain()?.value("a whole number, as seed=7", |text| text.parse().ok())?;
+                    spec.seed = item.plain()?.value("a whole number, such as seed=7", |text| text.parse().ok())?;
                 }
                 "delay" => spec.delay_ms = Some(item.plain()?.delay()?),
                 "fragment" => {
@@ -205,7 +207,7 @@ impl<'a> Item<'a> {
     }
 
     fn delay(&self) -> Result<(u64, u64), FaultSpecError> {
-        const ALLOWED: &str = "a time or two, as 20ms or 2ms..25ms, at most 10s";
+        const ALLOWED: &str = "a time or a range of times, such as 20ms or 2ms..25ms, at most 10s";
         self.value(ALLOWED, |text| {
             let (low, high) = text.split_once("..").unwrap_or((text, text));
             let (low, high) = (milliseconds(low)?, milliseconds(high)?);
@@ -218,7 +220,7 @@ impl<'a> Item<'a> {
             return Err(self.needless("time"));
         }
         let within_ms = self.duration.map_or(Ok(60_000), |text| self.time(text, false))?;
-        let count = self.value("a count of 1 to 1000, as random=5/60s", |text| {
+        let count = self.value("a count of 1 to 1000, such as random=5/60s", |text| {
             text.parse().ok().filter(|count| (1..=MAX_RANDOM_FAULTS).contains(count))
         })?;
         Ok((count, within_ms.max(1)))

@@ -49,11 +49,13 @@ impl Host for Around<'_> {
         let command = Command::from_caller(caller);
         // Only a motion that belongs to a command can be refused; a retract belongs to none.
         if command.is_some() && std::mem::take(&mut self.values.refuses) {
-            return self.give_up("the controller was commanded to refuse this motion".to_owned());
+            return self.give_up("the mock controller was configured to refuse this motion".to_owned());
         }
         let planned = match (request.motion, request.axes) {
             (Motion::Ptp, true) => self.ptp(request, command.as_ref()),
-            (Motion::Ptp, false) => Err("PTP to a pose is not modelled; use axes".to_owned()),
+            (Motion::Ptp, false) => {
+                Err("the mock controller does not support PTP to a pose; use axis angles".to_owned())
+            }
             (Motion::Lin, _) => self.lin(request, command.as_ref()),
         };
         let step = match planned {
@@ -96,7 +98,7 @@ impl Host for Around<'_> {
             self.values.reset_asked = true;
             return Ok(());
         }
-        Err(format!("CWRITE of \"{text}\" is not modelled"))
+        Err(format!("the mock controller does not support CWRITE of \"{text}\""))
     }
 
     fn init_motion(&mut self) {
@@ -147,7 +149,7 @@ impl Around<'_> {
 
     fn lin(&self, request: &MotionRequest, command: Option<&Command>) -> Result<Move, String> {
         let (Some(base), Some(tool)) = (self.values.base.now, self.values.tool.now) else {
-            return Err("LIN before $BASE and $TOOL were set".to_owned());
+            return Err("a LIN motion was started before $BASE and $TOOL were set".to_owned());
         };
         let command = command.filter(|command| command.operation == wire::MOVE_LIN);
         let flange_from_tool: Rigid<Flange, Tool> = frame(tool).to_rigid();

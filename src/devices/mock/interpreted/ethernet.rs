@@ -80,7 +80,7 @@ pub(super) fn call(
         Builtin::EkiSetBool | Builtin::EkiSetInt | Builtin::EkiSetReal => {
             set(controller, values, channel, tag, value[0])
         }
-        Builtin::EkiSetFrame => return Err("EKI_SetFrame is not modelled".to_owned()),
+        Builtin::EkiSetFrame => return Err("the mock controller does not support EKI_SetFrame".to_owned()),
         _ => return Ok(read(controller, channel, what, tag)),
     };
     Ok(answer(controller, channel, msg_no))

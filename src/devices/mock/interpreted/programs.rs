@@ -61,11 +61,11 @@ impl Programs {
             }
         }
         if analysis.program.is_too_large {
-            return Err(MockError::Program("the programs are too large to be executed here".to_owned()));
+            return Err(MockError::Program("the programs are too large for the mock controller".to_owned()));
         }
         for name in ["CELL_INIT", "CELL_CYCLE", "CELL_MOTION"] {
             if analysis.program.routine(name).is_none() {
-                return Err(MockError::Program(format!("the programs define no {name}")));
+                return Err(MockError::Program(format!("the programs do not define the routine {name}")));
             }
         }
         let remarks = files.iter().zip(analysis.warnings.iter().zip(&analysis.unexecuted));

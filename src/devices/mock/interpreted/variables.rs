@@ -185,7 +185,7 @@ pub(super) fn read(
         Known::Override => int(i64::from(controller.troubles.override_percent())),
         Known::Other => {
             let written = values.others.get(&(variable, offset)).copied();
-            written.ok_or_else(|| format!("{} is not modelled", name()))
+            written.ok_or_else(|| format!("the mock controller does not support {}", name()))
         }
     }
 }
@@ -215,7 +215,7 @@ pub(super) fn write(
     values.changed = true;
     let now_ms = controller.now_ms;
     match (KNOWN[variable as usize], value) {
-        (_, Cell::Unset) => return Err(format!("an invalid value cannot be written to {name}")),
+        (_, Cell::Unset) => return Err(format!("a value that was never assigned cannot be written to {name}")),
         (Known::Flag, Cell::Bool(value)) => drop(controller.flags.insert(number, value)),
         (Known::Output, Cell::Bool(value)) => controller.set_output(number, value),
         (Known::Timer, Cell::Int(value)) => {
@@ -248,7 +248,7 @@ pub(super) fn write(
         (Known::Approximation, Cell::Real(distance)) if at == 0 => values.distance = distance,
         (Known::AxisVelocity | Known::AxisAcceleration, Cell::Int(percent)) => {
             if !(1..=100).contains(&percent) {
-                return Err(format!("{name} is 1 to 100 percent, not {percent}"));
+                return Err(format!("{name} must be 1 to 100 percent, found {percent}"));
             }
             let list = if name == "$VEL_AXIS" { &mut values.axis_velocity } else { &mut values.axis_acceleration };
             if let Some(axis) = list.get_mut(at) {
@@ -266,7 +266,7 @@ fn in_range(name: &str, value: f32, most: f32) -> Result<f32, String> {
     if value > 0.0 && value <= most {
         Ok(value)
     } else {
-        Err(format!("{name}.CP is above 0 and at most {most}, not {value}"))
+        Err(format!("{name}.CP must be above 0 and at most {most}, found {value}"))
     }
 }
 

@@ -14,7 +14,9 @@ impl Host {
         self.shared.becomes(Stage::Starting(Instant::now()));
         let (stream, peer) = match (self.launch)() {
             Ok(started) => started,
-            Err(error) => return self.down(ZividFault::NoWorker(format!("it cannot be started: {error}"))),
+            Err(error) => {
+                return self.down(ZividFault::NoWorker(format!("the worker's process cannot be started: {error}")));
+            }
         };
         self.shared.status().worker = peer.id();
         let mut link = Link::new(stream, self.shared.is_ending.clone());

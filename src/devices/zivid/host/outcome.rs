@@ -50,8 +50,8 @@ impl Loss {
 
 pub(super) fn name(answer: &Answer) -> String {
     match answer {
-        Answer::Words(_) => "it answered something else".to_owned(),
-        Answer::Scan(..) => "it answered with a 3D shot".to_owned(),
-        Answer::Picture(..) => "it answered with a picture".to_owned(),
+        Answer::Words(_) => "the worker responded with another message".to_owned(),
+        Answer::Scan(..) => "the worker responded with a 3D shot".to_owned(),
+        Answer::Picture(..) => "the worker responded with a picture".to_owned(),
     }
 }

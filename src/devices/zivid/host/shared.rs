@@ -214,12 +214,12 @@ impl CameraRequest {
         match self {
             CameraRequest::Scan => "a 3D shot",
             CameraRequest::Picture => "a picture",
-            CameraRequest::BeginClip(_) => "the begin of a clip",
+            CameraRequest::BeginClip(_) => "the start of a clip",
             CameraRequest::NextPicture => "a picture of a clip",
             CameraRequest::EndClip => "the end of a clip",
-            CameraRequest::Intrinsics => "a query of its lens data",
-            CameraRequest::Check => "a query of its temperatures",
-            CameraRequest::Light => "a query of the light around it",
+            CameraRequest::Intrinsics => "a query of the lens data",
+            CameraRequest::Check => "a query of the temperatures",
+            CameraRequest::Light => "a query of the ambient light",
         }
     }
 }

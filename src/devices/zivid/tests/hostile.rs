@@ -86,8 +86,8 @@ fn a_shot_that_is_cut_off_is_a_worker_that_ended() {
             bytes.truncate(keep);
             Rest::HangsUp
         });
-        let words =
-            "C11 the 3D camera's worker ended (it hung up) during a 3D shot; it is started again, restart 1 of 3";
+        let words = "C11 the 3D camera's worker ended (it hung up) during a 3D shot; the program restarts the worker, \
+                     restart 1 of 3";
         assert!(fault.to_string().starts_with(words), "{keep}: {fault}");
     });
 }
@@ -101,7 +101,9 @@ fn a_shot_that_stalls_under_way_is_given_up_in_time() {
             Rest::Stalls
         });
         assert!(
-            fault.to_string().starts_with("C3 no answer within 0.4 s to a 3D shot, the worker was ended"),
+            fault.to_string().starts_with(
+                "C3 the 3D camera did not respond within 0.4 s to a 3D shot, and its worker was ended"
+            ),
             "{fault}"
         );
         assert!(since.elapsed() >= Duration::from_millis(400));
@@ -117,7 +119,10 @@ fn a_shot_that_was_changed_is_thrown_away() {
             bytes[at] ^= 0x20;
             Rest::GoesOn
         });
-        assert!(fault.to_string().starts_with("C4 a 3D shot arrived damaged and was thrown away"), "{at}: {fault}");
+        assert!(
+            fault.to_string().starts_with("C4 the data received for a 3D shot are damaged and were discarded"),
+            "{at}: {fault}"
+        );
     });
 }
 
@@ -132,7 +137,8 @@ fn a_payload_that_is_short_is_thrown_away() {
         wire::write(bytes, (wire::Kind::Reply, sequence), &head, &[&payload]).expect("written");
         Rest::GoesOn
     });
-    let words = "C4 a 3D shot arrived damaged and was thrown away: a payload has 893 bytes, by its head it has 912";
+    let words = "C4 the data received for a 3D shot are damaged and were discarded: a frame's payload has 893 bytes, \
+                 but its head states 912 bytes";
     assert!(fault.to_string().starts_with(words), "{fault}");
 }
 
@@ -151,7 +157,7 @@ fn an_answer_to_another_request_is_thrown_away() {
     let mut scanner = ZividScanner::start(setup(), launch).expect("a thread");
     scanner.ready(TIMEOUT).expect("ready");
     let fault = scanner.shot().expect_err("the warm-up's").to_string();
-    assert!(fault.contains("found an answer to request 4, the last request was 5"), "{fault}");
+    assert!(fault.contains("found a response to request 4, but the last request was 5"), "{fault}");
 }
 
 /// Restarting the worker would not help, so it is not tried.
@@ -165,7 +171,8 @@ fn a_worker_of_another_version_stays_down() {
     });
     let mut scanner = ZividScanner::start(setup(), launch).expect("a thread");
     let fault = scanner.ready(TIMEOUT).expect_err("refused").to_string();
-    let words = "C5 the worker's version is protocol 9, this program's is 2; restart the service after an upgrade";
+    let words = "C5 the version of the 3D camera's worker is protocol 9, but the version of this program is 2; restart \
+                 the service after an upgrade";
     assert_eq!(fault, words);
     assert_eq!(scanner.shot().expect_err("down").to_string(), words);
     assert_eq!(scanner.history().1, 0, "no restart was used");
@@ -181,7 +188,10 @@ fn a_worker_of_another_program_stays_down() {
     });
     let scanner = ZividScanner::start(setup(), other).expect("a thread");
     let fault = scanner.ready(TIMEOUT).expect_err("refused").to_string();
-    assert!(fault.starts_with("C5 the worker's version is 0.0.7, this program's is "), "{fault}");
+    assert!(
+        fault.starts_with("C5 the version of the 3D camera's worker is 0.0.7, but the version of this program is "),
+        "{fault}"
+    );
 }
 
 #[test]
@@ -191,7 +201,7 @@ fn a_worker_without_its_library_says_so() {
     });
     let scanner = ZividScanner::start(setup(), bare).expect("a thread");
     let fault = scanner.ready(TIMEOUT).expect_err("none").to_string();
-    assert_eq!(fault, "C1 the 3D camera's worker cannot work: libpanelprep_zivid.so: not found");
+    assert_eq!(fault, "C1 the 3D camera's worker cannot run: libpanelprep_zivid.so: not found");
 }
 
 /// A worker that ends at its first shot each time is restarted three times, and then stays down.
@@ -209,11 +219,15 @@ fn the_fourth_end_stays_down_and_says_so() {
     let fault = scanner.ready(TIMEOUT).expect_err("down").to_string();
     let words =
         "C11 the 3D camera's worker stays down: it ended 4 times within 10 min (limit 3 restarts). Last: C11";
-    assert!(fault.starts_with(words) && fault.contains("not before"), "{fault}");
+    assert!(fault.starts_with(words) && fault.contains("reset after"), "{fault}");
     let (faults, lost, worker) = scanner.history();
     assert_eq!((faults.len(), lost, worker), (5, 4, None), "each end, and that it stays down: {faults:#?}");
     assert!(faults[2].to_string().ends_with("restart 3 of 3 in 10 min"), "{}", faults[2]);
-    assert!(faults[3].to_string().ends_with("it stays down, its restarts are used up"), "{}", faults[3]);
+    assert!(
+        faults[3].to_string().ends_with("the worker stays down, because its restarts are used up"),
+        "{}",
+        faults[3]
+    );
     let refused = scanner.temperatures().expect_err("a reset does not make more of it");
     assert!(matches!(refused, ZividFault::Down { .. }), "{refused}");
     assert!(matches!(scanner.shot(), Err(ZividFault::Down { .. })));

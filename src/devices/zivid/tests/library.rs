@@ -90,9 +90,9 @@ fn settings_that_the_sdk_refuses_are_told_in_its_words() {
         ZividScanner::start(setup, launch).expect("a thread").ready(TIMEOUT).expect_err("refused").to_string()
     };
     let swapped = told(&|setup| setup.scan_yaml = PICTURE.to_owned());
-    assert_eq!(swapped, "C5 the settings for 3D shots are refused: this is no Settings file");
+    assert_eq!(swapped, "C5 the settings for 3D shots are not accepted: this is no Settings file");
     let empty = told(&|setup| setup.picture_yaml = "__version__: {}\nSettings2D:\n  Acquisitions: []\n".to_owned());
-    assert!(empty.starts_with("C5 the settings for pictures are refused"), "{empty}");
+    assert!(empty.starts_with("C5 the settings for pictures are not accepted"), "{empty}");
     let colorless = told(&|setup| setup.scan_yaml = "__version__: {}\nSettings:\n  Acquisitions: [x]\n".to_owned());
     assert!(
         colorless.ends_with("these settings have no Color part: a 3D shot is taken with its colours"),
@@ -100,7 +100,7 @@ fn settings_that_the_sdk_refuses_are_told_in_its_words() {
     );
     let halved = told(&|setup| setup.picture_yaml = format!("{PICTURE}  Sampling:\n    Pixel: blueSubsample2x2\n"));
     assert!(
-        halved.starts_with("C5 the settings for pictures: 81×50 px, the camera's calibration is for 162×100"),
+        halved.starts_with("C5 the settings for pictures: 81×50 px, but the camera's calibration is for 162×100"),
         "{halved}"
     );
     let absent = told(&|setup| setup.source = Source::Serial("2127A0F3".to_owned()));

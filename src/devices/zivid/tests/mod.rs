@@ -67,7 +67,7 @@ fn a_clip_has_true_times_and_drops_the_oldest() {
     let end = scanner.end_clip().expect("over");
     assert!(end.taken >= end.dropped + 6 && end.dropped >= late.dropped, "{end:?}");
     let none = scanner.next_of_clip().expect_err("no clip").to_string();
-    assert_eq!(none, "C11 the worker refuses a picture of a clip: no clip is being taken");
+    assert_eq!(none, "C11 the 3D camera's worker refused a picture of a clip: no clip is being recorded");
     scanner.begin_clip(200.0).expect("begun");
     scanner.shot().expect("a shot ends the clip");
     assert!(scanner.next_of_clip().is_err());
@@ -78,16 +78,19 @@ fn a_clip_has_true_times_and_drops_the_oldest() {
 #[test]
 fn each_trouble_of_the_camera_has_its_name() {
     let cases: [(Plan, &str); 8] = [
-        (Plan { missing: vec![2], ..Plan::default() }, "C6 no 3D data: 0.00 % of the shot's points"),
+        (Plan { missing: vec![2], ..Plan::default() }, "C6 no 3D data: 0.00 % of the shot's pixels"),
         (
             Plan { infinite: vec![2], ..Plan::default() },
-            "C4 the shot has 1 points with a coordinate that is infinite",
+            "C4 the shot was discarded, because 1 points have an infinite coordinate",
         ),
-        (Plan { half: vec![2], ..Plan::default() }, "C5 a 3D shot: 4×3 px, the camera's calibration is for 8×6"),
-        (Plan { old: vec![2, 3], ..Plan::default() }, "C9 the 3D camera is frozen: a shot begun at"),
+        (
+            Plan { half: vec![2], ..Plan::default() },
+            "C5 a 3D shot: 4×3 px, but the camera's calibration is for 8×6",
+        ),
+        (Plan { old: vec![2, 3], ..Plan::default() }, "C9 the 3D camera delivered old data: a shot started at"),
         (
             Plan { frozen: vec![3, 4], ..Plan::default() },
-            "C9 the 3D camera is frozen: shot 4 is the one before to the last bit",
+            "C9 the 3D camera delivered old data: shot 4 has exactly the same data as the previous shot",
         ),
         (Plan { gone: vec![2], ..Plan::default() }, "C2 the 3D camera was lost during a 3D shot: unplugged"),
         (
@@ -127,7 +130,8 @@ fn a_hot_camera_spoils_a_picture_and_not_a_shot() {
     let mut scanner = ready(Plan { hot: vec![2, 3], ..Plan::default() });
     assert!((scanner.shot().expect("stands").taken.throttled_ms - 900.0).abs() < 1e-9);
     let fault = scanner.photo().expect_err("too late").to_string();
-    let words = "C3 the 3D camera is hot and paused for 900 ms during a picture (limit 500 ms), its lens has 36 °C";
+    let words =
+        "C3 the 3D camera is hot and paused for 900 ms during a picture (limit 500 ms), lens temperature 36 °C";
     assert!(fault.starts_with(words), "{fault}");
 }
 
@@ -141,7 +145,7 @@ fn settings_whose_text_is_not_what_was_announced_are_refused() {
     let (usage, yaml) = (message::Use::Scan, "scan".to_owned());
     let answer = link.ask(&message::Request::Settings { usage, yaml, hash }, TIMEOUT).expect("an answer");
     let link::Answer::Words(message::Reply::Refused(refusal)) = answer else { panic!("{answer:?}") };
-    assert!(refusal.message.contains("announced was"), "{refusal:?}");
+    assert!(refusal.message.contains("was announced"), "{refusal:?}");
 }
 
 /// A lamp that is out is reported by the evaluation of the pictures, not as a frozen camera.
@@ -171,7 +175,10 @@ fn a_camera_that_is_absent_is_told_once_and_found_by_itself() {
     let plan = Plan { absent_for: 3, ..Plan::default() };
     let mut scanner = ZividScanner::start(setup(), played(plan)).expect("a thread");
     let fault = scanner.ready(TIMEOUT).expect_err("absent");
-    assert!(fault.to_string().starts_with("C1 the 3D camera is not found: no such camera; is it on"), "{fault}");
+    assert!(
+        fault.to_string().starts_with("C1 the 3D camera is not found: no such camera; check its power"),
+        "{fault}"
+    );
     delivers_again(&mut scanner);
     assert_eq!((scanner.history().0, scanner.history().1), (vec![fault], 0), "and no worker was lost");
 }
@@ -183,12 +190,15 @@ fn another_camera_or_other_settings_are_refused_before_a_shot() {
         scanner.ready(TIMEOUT).expect_err("refused").to_string()
     };
     let other = told(Setup { serial: Some("77".to_owned()), ..setup() });
-    assert_eq!(other, "C5 the camera found is STUB1, expected is 77: its calibration is for that one");
+    assert_eq!(other, "C5 found the 3D camera with serial STUB1, but the calibration is for serial 77");
     let other = told(Setup { source: Source::Serial("STUB2".to_owned()), ..setup() });
-    assert!(other.starts_with("C5 the camera found is STUB1, expected is STUB2"), "{other}");
+    assert!(
+        other.starts_with("C5 found the 3D camera with serial STUB1, but the calibration is for serial STUB2"),
+        "{other}"
+    );
     let size = told(Setup { size: Size { width: 16, height: 12 }, ..setup() });
-    let words = "C5 the settings for 3D shots: 8×6 px, the camera's calibration is for 16×12";
+    let words = "C5 the settings for 3D shots: 8×6 px, but the camera's calibration is for 16×12";
     assert!(size.starts_with(words), "{size}");
     let settings = told(Setup { picture_yaml: "nonsense".to_owned(), ..setup() });
-    assert_eq!(settings, "C5 the settings for pictures are refused: these are no settings");
+    assert_eq!(settings, "C5 the settings for pictures are not accepted: these are no settings");
 }

@@ -39,33 +39,38 @@ fn what_is_wrong_is_said_with_what_is_allowed() {
     let cases = [
         ("", "an item is empty; items are separated by single commas"),
         ("cut@1s,,cut@2s", "an item is empty; items are separated by single commas"),
-        ("cut", "\"cut\": when? Add @TIME (@3s, @250ms) or @#N, the arrival of the Nth command"),
+        (
+            "cut",
+            "\"cut\": the time of the fault is missing; add @TIME (@3s, @250ms) or @#N, the arrival of the Nth command",
+        ),
         ("cut=left@1s", "\"cut=left@1s\": the value is \"left\"; valid: command, state or both"),
         ("refuse@1s", "\"refuse@1s\": the value is missing; valid: an Err of 1 to 12"),
         ("refuse=13@1s", "\"refuse=13@1s\": the value is \"13\"; valid: an Err of 1 to 12"),
         ("slow=0@1s", "\"slow=0@1s\": the value is \"0\"; valid: 1 to 100 percent"),
         ("mode=t1@1s", "\"mode=t1@1s\": the value is \"t1\"; valid: T1, T2, AUT or EXT"),
-        ("lose-base=1@1s", "\"lose-base=1@1s\": lose-base takes no value"),
-        ("lose-base/2s@1s", "\"lose-base/2s@1s\": lose-base takes no duration"),
-        ("seed=7@1s", "\"seed=7@1s\": seed takes no time"),
-        ("seed=x", "\"seed=x\": the value is \"x\"; valid: a whole number, as seed=7"),
+        ("lose-base=1@1s", "\"lose-base=1@1s\": lose-base does not accept a value"),
+        ("lose-base/2s@1s", "\"lose-base/2s@1s\": lose-base does not accept a duration"),
+        ("seed=7@1s", "\"seed=7@1s\": seed does not accept a time"),
+        ("seed=x", "\"seed=x\": the value is \"x\"; valid: a whole number, such as seed=7"),
         (
             "delay=25ms..5ms",
-            "\"delay=25ms..5ms\": the value is \"25ms..5ms\"; valid: a time or two, as 20ms or 2ms..25ms, at most 10s",
+            "\"delay=25ms..5ms\": the value is \"25ms..5ms\"; valid: a time or a range of times, such as 20ms or \
+             2ms..25ms, at most 10s",
         ),
-        ("unplug/2@1s", "\"unplug/2@1s\": \"2\" is no time; write 3s, 1.5s or 250ms, at most 1 day"),
+        ("unplug/2@1s", "\"unplug/2@1s\": \"2\" is not a time; write 3s, 1.5s or 250ms, at most 1 day"),
         (
             "unplug@-1s",
-            "\"unplug@-1s\": \"-1s\" is no time; write 3s, 1.5s or 250ms, at most 1 day, or #40 for the arrival \
-             of the 40th command",
+            "\"unplug@-1s\": \"-1s\" is not a time; write 3s, 1.5s or 250ms, at most 1 day, or #40 for the arrival of \
+             the 40th command",
         ),
-        ("random=0", "\"random=0\": the value is \"0\"; valid: a count of 1 to 1000, as random=5/60s"),
+        ("random=0", "\"random=0\": the value is \"0\"; valid: a count of 1 to 1000, such as random=5/60s"),
     ];
     for (text, message) in cases {
         assert_eq!(read(text).expect_err(text).to_string(), message);
     }
     let unknown = read("unplugg@1s").expect_err("unknown").to_string();
-    let start = "\"unplugg@1s\": there is no unplugg (did you mean unplug?); known are seed, delay, fragment";
+    let start = "\"unplugg@1s\": unplugg is not a fault or setting (did you mean unplug?); valid: seed, delay, \
+                 fragment";
     assert!(unknown.starts_with(start), "{unknown}");
 }
 

@@ -216,7 +216,11 @@ fn a_flange_picture_shows_what_the_executed_pose_sees() {
     let place = bench.sim.truth().base_from_panel;
     assert!(taken.picture == bench.sim.flange_picture_at(&executed.base_from_flange, &place));
     let refused = bench.scanner.capture_3d().expect_err("the arm is before the camera").to_string();
-    assert!(refused.contains("the arm at rest in its park pose") && refused.contains("it stands"), "{refused}");
+    assert!(
+        refused.contains("the arm at standstill in its park pose")
+            && refused.contains("and the arm is at standstill"),
+        "{refused}"
+    );
     assert_eq!(bench.world.violations().len(), 1);
     bench.park();
     let shot = bench.scanner.capture_3d().expect("parked");
