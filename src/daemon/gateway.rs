@@ -132,7 +132,7 @@ mod tests {
         let named = |names: Arc<NameLookup>| {
             let (sender, queue) = request_queue();
             let gateway = Gateway { names, ..Gateway::new(sender, Arc::new(|_| Err(vec![])), None) };
-            let who = Who { front: RequestSource::Socket, uid: Some(1_001), user: None };
+            let who = Who { uid: Some(1_001), ..Who::by(RequestSource::Socket) };
             let answered = gateway.request(RequestKind::Table(cycle::Request::Stop), who);
             let asked = runtime.block_on(async {
                 let taken = tokio::task::spawn_blocking(move || queue.next(Duration::from_millis(100)));

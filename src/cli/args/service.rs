@@ -21,13 +21,13 @@ pub struct Cycle {
     /// The part in the cell: kept with the cycle and shown on its page.
     #[command(flatten)]
     pub part: PartArguments,
+    /// What is stated about the part's abrasions.
+    #[command(flatten)]
+    pub count: CountArguments,
     /// Record the cycle in a new file, for `panelprep replay` and Foxglove; a minute of film needs a gigabyte at
     /// full size.
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
-    /// What is stated about the part's abrasions.
-    #[command(flatten)]
-    pub count: CountArguments,
     /// What a simulated cell shows.
     #[command(flatten)]
     pub simulation: Simulation,
@@ -133,23 +133,23 @@ pub struct Decision {
     pub step: Option<u64>,
 }
 
+/// What a person states at a start about the abrasions of the part.
+#[derive(Debug, Clone, Copy, Default, Args)]
+pub struct CountArguments {
+    /// Another part than in the cycles before is in the fixture: abrasions are counted from zero. This statement is
+    /// stored with the cycle.
+    #[arg(long)]
+    pub another_part: bool,
+    /// After a restore from a backup: how many passes this part had in the cycles that the restored store lacks. They
+    /// count, and the statement is stored with the cycle.
+    #[arg(long, value_name = "NUMBER", conflicts_with = "another_part")]
+    pub lost_passes: Option<u8>,
+}
+
 impl PartArguments {
     /// Returns the names as they are given, without any check.
     pub fn names(&self) -> PartNames {
         let PartArguments { serial, order, operator } = self.clone();
-        /// What a person states at a start about the abrasions of the part.
-        #[derive(Debug, Clone, Copy, Default, Args)]
-        pub struct CountArguments {
-            /// Another part than in the cycles before is in the fixture: abrasions are counted from zero. This statement is
-            /// stored with the cycle.
-            #[arg(long)]
-            pub another_part: bool,
-            /// After a restore from a backup: how many passes this part had in the cycles that the restored store lacks. They
-            /// count, and the statement is stored with the cycle.
-            #[arg(long, value_name = "NUMBER", conflicts_with = "another_part")]
-            pub lost_passes: Option<u8>,
-        }
-
         PartNames { serial, order, operator }
     }
 }
