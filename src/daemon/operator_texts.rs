@@ -1,6 +1,5 @@
 //! States, refusals and causes in words for the people at the cell: what the situation is, and what to do.
 
-use super::request::RequestKind;
 use crate::cycle::{At, Cause, Epoch, Event, Hold, Refusal, Report, Request, Robot, State, Trouble, Why, step};
 use crate::verdict::Reason;
 
@@ -123,15 +122,6 @@ pub fn refusal(request: Request, refusal: Refusal, state: &State) -> Reason {
             let failed = trouble(what);
             Reason { message: format!("{word} failed: {}", failed.message), ..failed }
         }
-    }
-}
-
-/// Returns who requests this hold, and why if a reason is given.
-pub(super) fn holder(hold: &super::request::Request) -> Reason {
-    let who = hold.who.user.clone().unwrap_or_else(|| hold.who.to_string());
-    match &hold.what {
-        RequestKind::Hold { why } => Reason::new("held_by", format!("{who}: {why}")),
-        _ => Reason::new("held_by", who),
     }
 }
 

@@ -62,6 +62,15 @@ fn phase(at: At) -> Option<Phase> {
     }
 }
 
+/// Returns who requests this hold, and why if a reason is given.
+fn holder(hold: &Request) -> Reason {
+    let who = hold.who.user.clone().unwrap_or_else(|| hold.who.to_string());
+    match &hold.what {
+        RequestKind::Hold { why } => Reason::new("held_by", format!("{who}: {why}")),
+        _ => Reason::new("held_by", who),
+    }
+}
+
 /// Number of life signs that a working loop sends to systemd within the watchdog time: if one is late, more than half
 /// of this time is left.
 const WATCHDOG_SIGNALS: u32 = 4;
@@ -283,7 +292,7 @@ impl RequestHandler {
         if request.what.of_table() == Some(cycle::Request::Hold)
             && !matches!(self.state.at, At::Held(_) | At::Holding(_))
         {
-            self.holder = Some(operator_texts::holder(&request));
+            self.holder = Some(holder(&request));
         }
         match &request.what {
             RequestKind::Table(asked) => {

@@ -1,11 +1,10 @@
 //! The page's own files: styles and scripts, which are part of the program. Their address contains the hash of all of
 //! them, so that a browser caches them until the program changes.
 
-use super::guard::not_found;
 use crate::files::hex;
 use crate::page::drawing::canvas;
 use axum::extract::Path;
-use axum::http::header;
+use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use sha2::{Digest, Sha256};
 use std::sync::LazyLock;
@@ -49,6 +48,6 @@ pub(super) async fn asset(Path(name): Path<String>) -> Response {
             });
             ([(header::CONTENT_TYPE, *kind)], text).into_response()
         }
-        None => not_found().await,
+        None => StatusCode::NOT_FOUND.into_response(),
     }
 }

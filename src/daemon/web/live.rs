@@ -77,6 +77,7 @@ pub(super) async fn events(
         }
         let now = live.borrow_and_update().clone();
         let session = token.as_deref().and_then(|token| web.sessions().find(token, web.now_s(), false));
+        let now = if session.is_some() { now } else { Arc::new(now.for_strangers()) };
         let seen = Seen { live: &now, by: session.map(|session| session.name) };
         let event = Event::default().json_data(seen).unwrap_or_default();
         Some((Ok(event), (live, place, web, token)))

@@ -67,6 +67,12 @@ impl Live {
         }
     }
 
+    /// Returns the state as a visitor without a session sees it: without the names of people.
+    pub fn for_strangers(&self) -> Self {
+        let reasons = self.reasons.iter().filter(|reason| reason.code != "held_by").cloned().collect();
+        Live { reasons, ..self.clone() }
+    }
+
     /// Returns whether nothing changed except the time.
     pub fn says_the_same(&self, other: &Live) -> bool {
         Live { answered_ms: 0, ..self.clone() } == Live { answered_ms: 0, ..other.clone() }
@@ -110,5 +116,11 @@ mod tests {
             };
             assert_eq!(live, expected);
         }
+    }
+    #[test]
+    fn a_visitor_without_a_session_sees_no_names() {
+        let reasons = vec![Reason::new("asked", "held"), Reason::new("held_by", "anna: a hair")];
+        let live = Live { reasons, ..Live::default() }.for_strangers();
+        assert_eq!(live.reasons, [Reason::new("asked", "held")]);
     }
 }
