@@ -122,10 +122,10 @@ mod tests {
         assert!(may_be_abraded(Some(&part), (&earlier, 0), 4).is_ok() && may_be_abraded(None, (&[], 0), 1).is_ok());
         let refused = may_be_abraded(Some(&part), (&earlier, 0), 3).expect_err("used up").to_string();
         let words = "the part SN 17 has reached the limit of 3 passes ([process] max_passes_per_part): cycle 4 of \
-                     1970-01-05: 2 passes; cycle 9 of 1970-01-10: 1 pass; take it out";
+                     1970-01-05: 2 passes; cycle 9 of 1970-01-10: 1 pass; take the part out";
         assert!(refused.starts_with(words), "{refused}");
         let refused = may_be_abraded(Some(&part), (&earlier, 1), 4).expect_err("a stated pass counts").to_string();
-        assert!(refused.contains("1 pass; lost cycles, as stated: 1 pass; take it out"), "{refused}");
+        assert!(refused.contains("1 pass; lost cycles, as stated: 1 pass; take the part out"), "{refused}");
     }
 
     #[test]

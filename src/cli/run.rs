@@ -390,6 +390,6 @@ mod tests {
         for (name, text) in [("gate.toml", "min_break_mm2 = 25\n"), ("..", ""), ("", ""), ("door.toml/", "")] {
             assert!(foreign(name, text).is_some(), "{name}");
         }
-        assert!(not_permitted(&own).message.contains("the role operator"));
+        assert!(not_permitted(&own).message.contains("role operator"));
     }
 }

@@ -193,8 +193,8 @@ mod tests {
     fn hostile_lines_ask_for_nothing() {
         let deep = format!("{}1{}\n", "[".repeat(100_000), "]".repeat(100_000));
         let cases: [(&[u8], &str); 23] = [
-            (b"", "no end"),
-            (b"{\"ask\":\"abort\"}", "no end"),
+            (b"", "no line end"),
+            (b"{\"ask\":\"abort\"}", "no line end"),
             (b"\n", "EOF"),
             (b"abort\n", "expected"),
             (b"\"abort\"\n", "abort"),

@@ -124,7 +124,7 @@ fn each_slip_is_told_with_its_line() {
         ("LIN P.P C_PTP", "10: LIN: not checked: approximate a LIN motion with"),
         ("WAIT 3", "10: WAIT: expected SEC or FOR after WAIT"),
         ("TRIGGER WHEN DISTANCE=1 DELAY=0 DO A( )", "10: TRIGGER: a TRIGGER that calls a routine needs PRIO"),
-        ("A_NAME_THAT_IS_FAR_TOO_LONG=1", "10: A_NAME_THAT_IS_FAR_TOO_LONG: declared in none"),
+        ("A_NAME_THAT_IS_FAR_TOO_LONG=1", "10: A_NAME_THAT_IS_FAR_TOO_LONG: this name is declared in none"),
     ] {
         let told = told_of(statement);
         assert!(told.iter().any(|told| told.starts_with(expected)), "{statement}: {told:#?} instead of {expected}");
@@ -193,9 +193,9 @@ fn a_doubt_is_no_problem() {
         [
             "3: NEW_T: this type is declared in",
             "7: I: this local variable may be r",
-            "10: UNKNOWN: declared in none of t",
+            "10: UNKNOWN: this name is declared",
             "15: LIST: the index 11 is outside ",
-            "23: F: a path through this function"
+            "23: F: a path through this functio"
         ]
     );
 }

@@ -53,7 +53,7 @@ fn a_panel_may_have_an_outline_and_held_edges() {
         ),
         (
             "outline_px = [[0, 0], [9, 0], [9, 1]]",
-            "panel.outline_px: the outline encloses 4.5 px², at least 16 px² are needed",
+            "panel.outline_px: the outline has an area of 4.5 px², at least 16 px² are needed",
         ),
         (
             "held_px = [[[0, 0], [9, 9], [9, 0], [0, 9]]]",
@@ -158,7 +158,7 @@ fn each_mistake_is_named() {
         ),
         (
             "process.max_passes_per_grid = 3\nprocess.max_passes_per_part = 2",
-            "process.max_passes_per_part: found 2, valid: max_passes_per_grid, 3, or more",
+            "process.max_passes_per_part: found 2, must be at least max_passes_per_grid, 3",
         ),
     ];
     for (mistake, message) in cases {

@@ -235,17 +235,17 @@ mod tests {
         );
         assert_eq!(line("A1,,20,60,1,,0,-3,,"), ["line 2, depth_um: found -3, valid: a number from 0.01 to 10000"]);
         assert_eq!(line("A1,,20,60,1,,0,,80,80").len(), 1, "nothing is gone");
-        assert_eq!(
-            line("A1,,20,60,1,,0,,80,81"),
-            ["line 2, after_um: found 81, it must be less than before_um, 80"]
-        );
+        assert_eq!(line("A1,,20,60,1,,0,,80,81"), ["line 2, after_um: found 81, must be less than before_um, 80"]);
         assert_eq!(
             line("A1,,20,60,1,,0,3,80,81"),
-            ["line 2, depth_um: must be a depth, or before_um and after_um, not both"]
+            ["line 2, depth_um: state either a depth, or before_um and after_um, not both"]
         );
         assert_eq!(line("A1,,20,,1,,NaN,3,,")[0], "line 2, feed_mm_s: a number is missing");
         assert_eq!(line(",,20,60,1,,0,3,,"), ["line 2, coupon: a name is missing"]);
-        assert_eq!(line("A1,20"), ["line 2, the line: 2 values, but 10 are needed, one for each column"]);
+        assert_eq!(
+            line("A1,20"),
+            ["line 2, the line: 2 values, but 10 are needed, one for each column of the header"]
+        );
         assert_eq!(
             line("A1,,20,60,1,,0,,80,"),
             ["line 2, depth_um: a number is missing; before_um and after_um can replace it"]

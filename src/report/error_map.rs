@@ -111,7 +111,7 @@ mod tests {
         let left =
             |name: &str, x, error_mm| Left { name: name.to_owned(), place: Point::at(x, 0.0, 300.0), error_mm };
         let svg = error_map("a & b", &[left("1.png", 400.0, 0.25), left("2.png", 600.0, 1.5)], 0.5);
-        assert!(svg.contains("a &amp; b") && svg.contains("2 places, 1.075 mm rms, 1.500 mm at most"), "{svg}");
+        assert!(svg.contains("a &amp; b") && svg.contains("2 places, 1.075 mm rms, largest 1.500 mm"), "{svg}");
         assert_eq!(svg.matches("r=\"8.0\" fill=\"#0072b2\"").count(), 2, "in both views");
         assert_eq!(svg.matches("r=\"32.0\" fill=\"#d55e00\"").count(), 2);
         // The points are 200 mm apart; the drawing spans 1.2 times this distance: 420 px / 240 mm.

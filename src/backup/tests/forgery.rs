@@ -71,7 +71,7 @@ fn a_forged_archive_is_refused_and_changes_nothing() {
     cases.push(("where its manifest lists", elsewhere));
     let mut other = named("configuration/recipes/evil.toml");
     other[1].content = b"y".to_vec();
-    cases.push(("the SHA-256 of configuration/recipes/evil.toml", other));
+    cases.push(("the SHA-256 of the file configuration/recipes/evil.toml", other));
     let mut twice = named("configuration/recipes/evil.toml");
     twice.push(forged("configuration/recipes/evil.toml", b"x"));
     cases.push(("twice", twice));

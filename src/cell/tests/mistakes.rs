@@ -6,7 +6,10 @@ use super::cell_problems;
 #[test]
 fn the_signals_mistakes_are_told_together() {
     let told = cell_problems("[io.outputs]\ntool = 3\nlight = 3\n[io.feedbacks]\na = 5\nb = 5");
-    let (tool, b) = ("2: io.outputs.tool: found 3, which is light's", "6: io.feedbacks.b: found 5, which is a's");
+    let (tool, b) = (
+        "2: io.outputs.tool: found 3, which is already the number of light",
+        "6: io.feedbacks.b: found 5, which is already the number of a",
+    );
     assert!(told.len() == 2 && told[0].starts_with(tool) && told[1].starts_with(b), "{told:?}");
 }
 

@@ -102,7 +102,7 @@ fn a_placeholder_and_datagrams_are_told() {
             "4 CONFIGURATION/INTERNAL/ENVIRONMENT: is Program: the channel is deleted",
             "5 CONFIGURATION/INTERNAL/IP: is \"address.of.robot\", which is not an address",
             "5 CONFIGURATION/INTERNAL/PROTOCOL: is UDP, which the manual does not recommend",
-            "6 CONFIGURATION/INTERNAL/TIMEOUT/@Connect: ends listening after 60000 ms",
+            "6 CONFIGURATION/INTERNAL/TIMEOUT/@Connect: stops the channel after 60000 ms",
         ],
     );
     assert!(report.says.contains(&"the connection is monitored (Ping 200)".to_owned()), "{:?}", report.says);
@@ -125,14 +125,14 @@ fn what_the_controller_refuses_is_an_error_with_its_line_and_key() {
         ),
         (internal("<TIMEOUT Connect=\"-1\"/>"), "5 CONFIGURATION/INTERNAL/TIMEOUT/@Connect: is \"-1\""),
         (internal("<MESSAGES Logging=\"all\"/>"), "5 CONFIGURATION/INTERNAL/MESSAGES/@Logging: is \"all\""),
-        (internal("<PROTOCOL></PROTOCOL>"), "5 CONFIGURATION/INTERNAL/PROTOCOL: is empty; one of TCP, UDP belongs"),
+        (internal("<PROTOCOL></PROTOCOL>"), "5 CONFIGURATION/INTERNAL/PROTOCOL: is empty; valid: one of TCP, UDP"),
         (
             internal("").replace("54600", "7000"),
             "4 CONFIGURATION/INTERNAL/PORT: is 7000; the controller's firewall lets only ports 54600 to 54615 through",
         ),
         (
             received("<ELEMENT Tag=\"A/@B\" Type=\"AXIS\"/>"),
-            "6 RECEIVE/XML/ELEMENT[A/@B]/@Type: is \"AXIS\"; valid: one of STRING, REAL, INT, BOOL, FRAME; axes travel",
+            "6 RECEIVE/XML/ELEMENT[A/@B]/@Type: is \"AXIS\"; valid: one of STRING, REAL, INT, BOOL, FRAME; send axes as",
         ),
         (
             received("<ELEMENT Tag=\"A/@B\" Type=\"FRAME\"/>"),

@@ -229,7 +229,7 @@ mod tests {
         fs::remove_file(folder.path().join(KEY)).expect("removed");
         let error = of().expect_err("refused").to_string();
         assert!(
-            error.contains("private.pem: is missing"),
+            error.contains("private.pem: the file is missing"),
             "a lost key is told, and no new certificate is made: {error}"
         );
     }

@@ -306,7 +306,7 @@ fn another_call_or_none_parts_them() {
     assert!(waiting.played().differences[0].now.contains("waits"));
 
     let left = player(vec![abort()]).played();
-    assert!(!left.to_the_end && left.differences[0].now.contains("left"), "{left:?}");
+    assert!(!left.to_the_end && left.differences[0].now.contains("ended"), "{left:?}");
 }
 
 /// A camera call that the loop no longer makes is a difference, although it had no result at that time.

@@ -108,7 +108,7 @@ fn each_refusal_names_the_place_what_was_found_and_what_is_allowed() {
             good().replace("WIDTH 2\nHEIGHT 2", "WIDTH 4\nHEIGHT 1"),
             "not organised (4×1); export it as an ordered cloud",
         ),
-        (good().replace("HEIGHT 2", "HEIGHT 3"), "counts 4 points for a picture of 2×3"),
+        (good().replace("HEIGHT 2", "HEIGHT 3"), "states 4 points for a picture of 2×3"),
         (good().replace("WIDTH 2", "WIDTH two"), "header line 5, 'WIDTH two': invalid digit"),
         (good().replace("F U", "F X"), "header line 4, 'TYPE F F F X': Invalid type character \"X\""),
         (good().replace("F F F", "D F F"), "Invalid type character \"D\""),

@@ -77,7 +77,7 @@ fn each_refusal_names_the_place_what_was_found_and_what_is_allowed() {
         (good().replace("vertex 4", "vertex -4"), "line 4, 'element vertex -4': valid: a whole number"),
         (good().replace("vertex 4", "face 4"), "the first element must be vertex"),
         (good().replace("float y", "float x"), "line 6, 'property float x': this property is defined twice"),
-        (good().replace("float y", "real y"), "line 6, 'property real y': allowed types"),
+        (good().replace("float y", "real y"), "line 6, 'property real y': valid types"),
         (good().replace("float y", "list uchar int y"), "list properties of a vertex are not supported"),
         (good().replace("float y", "int y"), "field y: found another type; valid: float or double"),
         (good().replace("uchar blue", "float blue"), "field blue: found another type; valid: uchar"),

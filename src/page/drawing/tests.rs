@@ -96,7 +96,7 @@ fn what_is_no_region_changes_nothing() {
     for (body, words) in [
         (&*crossed, "must be in order around"),
         (&twisted, "the outline crosses itself"),
-        (&outside, "outside of the picture, 100×80 px"),
+        (&outside, "outside the picture (100×80 px)"),
     ] {
         let (status, told) = page.ask("POST", "save", body);
         assert!(status == 422 && told.contains(words), "{status} {told}");

@@ -34,12 +34,12 @@ fn what_comes_after_a_cycle_is_no_difference() {
     assert_eq!(differences(&signed, &record(motion(Some("cleared"), 7), asked(Some("done")))), [] as [String; 0]);
     let closed = record(motion(Some("done"), 7), asked(Some("done")));
     let told = differences(&closed, &record(motion(Some("done"), 8), asked(Some("refused")))).join("; ");
-    assert!(told.contains("/motions/0/done: signed was 7, there is 8"), "{told}");
-    assert!(told.contains("/asked/0/answer: signed was \"done\", there is \"refused\""), "{told}");
+    assert!(told.contains("/motions/0/done: signed value 7, present value 8"), "{told}");
+    assert!(told.contains("/asked/0/answer: signed value \"done\", present value \"refused\""), "{told}");
     let other = json!({"motions": [{"motion": {"epoch": 4}, "outcome": null, "done": 0}], "asked": []});
     let told = differences(&signed, &other).join("; ");
     assert!(
-        told.contains("/motions/0/motion/epoch: signed was 3, there is 4") && told.contains("/asked: "),
+        told.contains("/motions/0/motion/epoch: signed value 3, present value 4") && told.contains("/asked: "),
         "{told}"
     );
 }

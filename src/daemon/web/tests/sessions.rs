@@ -233,7 +233,7 @@ async fn an_error_is_a_page_with_its_head() {
     for (path, status, words) in [
         ("/nowhere", StatusCode::NOT_FOUND, "There is no such page."),
         ("/cycle/99", StatusCode::NOT_FOUND, "There is no such page."),
-        ("/audit", StatusCode::FORBIDDEN, "Your role may not do this."),
+        ("/audit", StatusCode::FORBIDDEN, "Your role does not permit this."),
     ] {
         let told = site.send("GET", path, &[("cookie", &cookie), ("accept", "text/html,*/*")], "").await;
         assert_eq!(told.status, status, "{path}");
