@@ -407,7 +407,7 @@ fixtures: setup
 
 define record
 	target/debug/panelprep render --scene $(1) --reduction 7 --seconds 20 --out $(RECORDED)/$(2)
-	sed -i 's/^frames_per_second = .*/frames_per_second = 0.5/' $(RECORDED)/$(2)/recipe.toml
+	sed -i 's/^frames_per_second = .*/frames_per_second = 2.0/' $(RECORDED)/$(2)/recipe.toml
 	target/debug/panelprep teach --cell $(RECORDED)/$(2)/cell.toml --recipe $(RECORDED)/$(2)/recipe.toml \
 	  --scan $(RECORDED)/$(2)/taught_scan.pcd --corner $(RECORDED)/$(2)/taught_corner.png \
 	  --flange $(RECORDED)/$(2)/taught_flange.json

@@ -29,6 +29,7 @@ use describe::{say_archive, say_cell, say_correction, say_intrinsics, say_mount,
 
 pub use krl::is_krl;
 pub use report::FileReport;
+use report::{RECIPE, of_kind};
 pub use text::{Decoded, NotText, decode, not_utf_8};
 
 /// A kind of file: its name, the keys at its top, how it is checked.
@@ -152,11 +153,6 @@ pub fn check_files_for(files: &[(&str, &str)], checked_for: &CheckedFor<'_>) -> 
     reports
 }
 
-/// Returns the indices of the files of this kind.
-fn of_kind(kind: &'static str, reports: &[FileReport]) -> Vec<usize> {
-    (0..reports.len()).filter(|place| reports[*place].kind == Some(kind)).collect()
-}
-
 /// Returns the only cell among the files with its index, if there is exactly one and it has no problem of its own.
 fn the_cell(files: &[(&str, &str)], reports: &[FileReport]) -> Option<(usize, Cell)> {
     let [place] = of_kind(CELL, reports)[..] else { return None };
@@ -221,8 +217,6 @@ fn check_ours(name: &str, text: &str, checked_for: &CheckedFor<'_>) -> FileRepor
 
 /// The kind that is checked for a purpose.
 const CELL: &str = "cell";
-/// The kind that is checked against a cell.
-const RECIPE: &str = "recipe";
 
 /// Finds what the purpose needs and a cell's file does not state, each at its line; the first problem names the
 /// purpose. Missing files give one warning, if they may be made later.

@@ -68,7 +68,11 @@ fn a_cell_without_trouble_has_none_and_each_planted_one_is_named() {
     planted(
         folder,
         ("cell/scanner.toml", "[camera]", "# calibrated again\n[camera]"),
-        ["calibration of the scanner", "other calibration files", "calibrate verify --camera scanner"],
+        [
+            "calibration of the scanner",
+            "calibration files other than the present ones",
+            "calibrate verify --camera scanner",
+        ],
     );
     planted(
         folder,
@@ -135,7 +139,7 @@ fn what_answers_in_place_of_a_controller_is_told_apart() {
     };
     {
         let _silent = PORTS.map(|port| TcpListener::bind(("127.0.0.1", port)).expect("a free port"));
-        robot("silent");
+        robot("no message was received");
     }
     {
         let web = PORTS.map(|port| TcpListener::bind(("127.0.0.1", port)).expect("a free port"));

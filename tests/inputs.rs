@@ -82,7 +82,12 @@ fn jpeg_measures_no_place() {
     let refused = |arguments: &str| {
         let (exit, told) = json(folder, arguments);
         let words = told["reasons"][0]["message"].as_str().unwrap_or_default();
-        assert!(exit == 2 && words.contains(".jpg: this is a JPEG picture") && words.contains("PNG"), "{told}");
+        assert!(
+            exit == 2
+                && words.contains(".jpg: positions are measured in this picture, but its format is JPEG")
+                && words.contains("PNG"),
+            "{told}"
+        );
     };
     refused(&TEACH.replace("taught_corner.png", "taught_corner.jpg"));
     assert_eq!(json(folder, TEACH).0, 0);

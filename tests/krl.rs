@@ -188,7 +188,7 @@ fn files_of_a_controller_are_read_in_any_encoding() {
         (output.status.code(), String::from_utf8(output.stdout).expect("UTF-8"))
     };
     let (exit, text) = checked("GBK.xml");
-    assert!(exit == Some(0) && text.contains("warning, line 2: encoding: is not UTF-8"), "{text}");
+    assert!(exit == Some(0) && text.contains("warning, line 2: encoding: the file is not UTF-8"), "{text}");
     for file in ["DECLARED.xml", "WIDE.xml"] {
         let (exit, text) = checked(file);
         assert!(exit == Some(0) && !text.contains("warning, line"), "{file}: {text}");

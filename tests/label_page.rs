@@ -229,7 +229,7 @@ fn what_is_no_clip_is_refused_in_words() {
     let picture = panelprep::files::write_color_png(&ColorPicture::filled(4, 2, [9; 3])).expect("packed");
     std::fs::write(clip.join("1.png"), picture).expect("written");
     std::fs::write(clip.join("labels.json"), "{\"version\": 7}").expect("written");
-    refused("labels.json: its version is 7; this program reads version 1; move it away");
+    refused("labels.json: the label file has version 7; this program reads version 1; move the file away");
     std::fs::write(clip.join("labels.json"), "{").expect("written");
-    refused("labels.json: it holds no labels");
+    refused("labels.json: the content is not a valid label file");
 }

@@ -116,7 +116,7 @@ fn a_line_sees_and_runs_the_cell_as_each_role() {
                 }
         })
     };
-    for role in Role::VARIANTS {
+    for role in Role::VARIANTS.iter().filter(|role| **role != Role::Display) {
         assert!(has("log in", Some(role.word()), "", None), "{role:?}: {audit:#?}");
     }
     assert!(has("log in", Some("viewer"), "", Some("wrong name or password")), "{audit:#?}");

@@ -82,7 +82,7 @@ fn the_cell_that_ships_says_what_makes_it_ready() {
             .expect("it ends");
         let said = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{arguments}: {said}");
-        assert!(said.contains("scanner.toml, which is not there") && said.contains("`panelprep demo`"), "{said}");
+        assert!(said.contains("scanner.toml, which does not exist") && said.contains("`panelprep demo`"), "{said}");
     }
     let (exit, told) = json(folder, "check config/cell.toml");
     let warnings = told["files"][0]["warnings"].as_array().expect("warnings");

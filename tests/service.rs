@@ -222,7 +222,7 @@ fn cycles_run_one_after_the_other_and_each_request_is_answered() {
 
     let service = Service::start(folder);
     assert_eq!(service.done("state")["state"], "stopped");
-    service.refused(START, 2, "scanner was never verified; run `panelprep calibrate verify --camera scanner`");
+    service.refused(START, 2, "scanner has never been verified; run `panelprep calibrate verify --camera scanner`");
     assert_eq!(VERIFY.map(|look| json(folder, look).0), [0, 0], "the service keeps nobody from looking");
     service.refused(START, 2, "start is not possible in state stopped");
     service.refused("hold", 2, "possible now");

@@ -1,8 +1,7 @@
 //! Checks the controller's files against a cell's file: contradictions between them, and the checksum by which the
 //! programs identify themselves.
 
-use super::report::FileReport;
-use super::{RECIPE, of_kind};
+use super::report::{FileReport, RECIPE, of_kind};
 use crate::cell::Cell;
 use crate::config::{Problem, line_of_key};
 use crate::controller::{

@@ -2,6 +2,9 @@
 
 use crate::config::Problem;
 
+/// The kind that is checked against a cell.
+pub(super) const RECIPE: &str = "recipe";
+
 /// The result of the check of one file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FileReport {
@@ -13,4 +16,9 @@ pub struct FileReport {
     pub warnings: Vec<Problem>,
     /// What was understood, a sentence each; empty if one of this program's own files cannot be understood.
     pub says: Vec<String>,
+}
+
+/// Returns the indices of the files of this kind.
+pub(super) fn of_kind(kind: &'static str, reports: &[FileReport]) -> Vec<usize> {
+    (0..reports.len()).filter(|place| reports[*place].kind == Some(kind)).collect()
 }

@@ -157,7 +157,7 @@ impl Running<'_> {
         self.mounted(state).into_iter().find_map(|(flange_from_tip, radius_mm)| {
             let arm = arm.clone().with_tool_radius(radius_mm);
             let departing = match start {
-                AxisMotionStart::PathEnd => arm.clone().departing(&state.joints, flange_from_tip),
+                AxisMotionStart::PathEnd => reach::departing(&arm, &state.joints, flange_from_tip),
                 AxisMotionStart::Anywhere => Some(arm.clone()),
             };
             let Some(departing) = departing else { return Some(Infeasibility::NotFinite) };

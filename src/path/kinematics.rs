@@ -8,10 +8,9 @@
 //! Robotics Workshop 2014.
 
 use super::obstacles::Obstacles;
-use super::reach::DepartureDistances;
 use crate::calib::robot::{ArmPose, Correction};
 use crate::cell::{Arm, ArmGeometry};
-use crate::geometry::{Base, Flange, Joints, Point, Rigid, Tool};
+use crate::geometry::{Base, Flange, Joints, Point, Rigid};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use rs_opw_kinematics::glam::{DQuat, DVec3};
 use rs_opw_kinematics::kinematic_traits::{Kinematics as _, Pose};
@@ -30,7 +29,7 @@ pub struct Kinematics {
     correction: Option<Correction>,
     obstacles: Option<Arc<Obstacles>>,
     tool_radius_mm: f64,
-    departure: Option<Arc<DepartureDistances>>,
+    least_mm: Option<Arc<Vec<[f64; 4]>>>,
 }
 
 /// Accuracy to which the axis angles converge if a correction depends on them, degrees.
@@ -63,7 +62,7 @@ impl Kinematics {
             correction,
             obstacles: None,
             tool_radius_mm: 0.0,
-            departure: None,
+            least_mm: None,
         }
     }
 
@@ -85,19 +84,16 @@ impl Kinematics {
         self.tool_radius_mm
     }
 
-    /// Returns the arm at the end of a checked path that led near to an obstacle: on a motion that begins with these
-    /// axis angles, it may stay nearer to the obstacle than elsewhere, but must not come much nearer. `None` if the
-    /// angles are not finite.
+    /// Returns the arm with its own least distances from the obstacles instead of the configured ones, mm: for each
+    /// obstacle, of each part of the arm.
     #[must_use]
-    pub fn departing(self, from: &Joints, flange_from_tool: Rigid<Flange, Tool>) -> Option<Self> {
-        let tip = (self.base_from_flange(from)? * flange_from_tool).origin();
-        let departure = DepartureDistances::compute(&self, tip, &from.degrees());
-        Some(Kinematics { departure: Some(Arc::new(departure)), ..self })
+    pub(super) fn with_least_distances(self, least_mm: Vec<[f64; 4]>) -> Self {
+        Kinematics { least_mm: Some(Arc::new(least_mm)), ..self }
     }
 
-    /// The least distances of the motion that departs from the end of a path.
-    pub(super) fn departure(&self) -> Option<&DepartureDistances> {
-        self.departure.as_deref()
+    /// Returns the least distances of the arm's parts from this obstacle, mm; `None` if the configured distances hold.
+    pub(super) fn least_mm(&self, obstacle: usize) -> Option<&[f64; 4]> {
+        self.least_mm.as_deref().and_then(|least_mm| least_mm.get(obstacle))
     }
 
     /// Returns the obstacles that the arm must avoid.

@@ -237,7 +237,7 @@ fn view_from(
     let arm = standing.kinematics();
     let arm = match reach::is_clear(&arm, sander.flange_from_tip, &standing.joints) {
         true => Some(arm),
-        false => arm.departing(&standing.joints, sander.flange_from_tip),
+        false => reach::departing(&arm, &standing.joints, sander.flange_from_tip),
     };
     let followed =
         arm.map(|arm| follows(&arm, standing, (Rigid::identity(), &gated.points), sander.flange_from_tip));

@@ -52,7 +52,7 @@ fn bad_input_is_told_and_writes_nothing() {
         (format!("{lens} {all} large.png"), "large.png has 640 × 480 pixels"),
         (format!("{lens} {all} lens.toml"), "lens.toml"),
         (format!("{lens} {all}").replace("--square-mm 40", "--square-mm 0"), "limits 0.5 to 500 mm"),
-        (format!("{many} few.toml"), "3 of 3 pictures can be used, 5 are needed"),
+        (format!("{many} few.toml"), "3 of 3 pictures can be used, at least 5 are needed"),
         (format!("{many} missing.toml"), "33.png is not in the folder"),
         (format!("{many} radians.toml"), "look like radians"),
         (format!("{three} line.toml"), "on one line"),
@@ -66,7 +66,7 @@ fn bad_input_is_told_and_writes_nothing() {
     for (command, words) in [
         (format!("{lens} empty.png empty.png empty.png empty.png"), "empty.png shows no board with 5×4"),
         (format!("{lens} {all}").replace("5x4", "9x6"), "found a 5x4 board, expected 9x6"),
-        (format!("{lens} 00.png 01.png 02.png"), "3 of 3 pictures can be used, 4 are needed"),
+        (format!("{lens} 00.png 01.png 02.png"), "3 of 3 pictures can be used, at least 4 are needed"),
         (format!("{lens} 00.png 00.png 00.png 00.png"), ""),
     ] {
         let (exit, found, _) = panelprep(folder, &command);

@@ -90,7 +90,10 @@ fn a_break_that_may_be_missed_and_a_panel_elsewhere_are_no_test() {
     let of = |start: &str| references.iter().filter(|reference| reference.starts_with(start)).count();
     assert_eq!((of("wet look alone, sanded"), of("dry and wet")), (1, 24 - 9), "{exit} {told}");
     let (exit, told) = json(folder, &format!("{inspect} --located located.json --abraded r2c3,r9c1"));
-    assert!(exit == 2 && told.to_string().contains("no grid r9c1; it has 4 rows and 6 columns"), "{told}");
+    assert!(
+        exit == 2 && told.to_string().contains("no grid r9c1; valid: r1c1 to r4c6 (4 rows, 6 columns)"),
+        "{told}"
+    );
     let (exit, told) = json(folder, &plain(&format!("{inspect} --located located.json")));
     assert_eq!((exit, told["verdict"].as_str()), (1, Some("invalid")), "{told}");
     reason(&told, "detection_limit");

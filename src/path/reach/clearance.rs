@@ -16,8 +16,7 @@ pub(super) fn keeps_clear(arm: &Kinematics, tip: Point<Base>, at: &Angles) -> Re
     let Some(obstacles) = arm.obstacles() else { return Ok(()) };
     for (index, (part, from, to, needed_mm)) in parts(arm, tip, at).into_iter().enumerate() {
         for (number, obstacle) in obstacles.of_each().iter().enumerate() {
-            let departing = arm.departure().and_then(|departure| departure.0.get(number));
-            let needed_mm = departing.map_or(needed_mm, |least_mm| least_mm[index]);
+            let needed_mm = arm.least_mm(number).map_or(needed_mm, |least_mm| least_mm[index]);
             let nearer_mm = obstacle.nearer_mm(needed_mm, |point| from_line_mm(point, from, to));
             if let Some(distance_mm) = nearer_mm {
                 let name = obstacle.name.to_owned();
@@ -34,25 +33,21 @@ pub fn is_clear(arm: &Kinematics, flange_from_tool: Rigid<Flange, Tool>, at: &Jo
     tip.is_some_and(|tip| keeps_clear(arm, tip, &at.degrees()).is_ok())
 }
 
-/// The least permitted distances of a motion that begins at the end of a checked path near an obstacle, mm: for each
-/// obstacle, of each part of the arm.
-#[derive(Debug, Clone)]
-pub struct DepartureDistances(Vec<[f64; 4]>);
-
-impl DepartureDistances {
-    /// Computes the distances for a motion that begins with these axis angles: half of the distance there, if the
-    /// motion begins nearer than [`DEPARTURE_MM`] or not much farther away.
-    pub(in crate::path) fn compute(arm: &Kinematics, tip: Point<Base>, at: &Angles) -> Self {
-        let Some(obstacles) = arm.obstacles() else { return DepartureDistances(Vec::new()) };
-        let parts = parts(arm, tip, at);
-        let of_obstacle = |obstacle: &Obstacle| {
-            parts.map(|(_, from, to, needed_mm)| {
-                let nearer_mm = obstacle.nearer_mm(needed_mm, |point| from_line_mm(point, from, to));
-                (0.5 * nearer_mm.unwrap_or(needed_mm)).min(DEPARTURE_MM)
-            })
-        };
-        DepartureDistances(obstacles.of_each().iter().map(of_obstacle).collect())
-    }
+/// Returns the arm at the end of a checked path that led near to an obstacle: on a motion that begins with these axis
+/// angles, it may stay nearer to the obstacle than elsewhere, but must not come much nearer. The least distance is
+/// [`DEPARTURE_MM`], or half of the distance at the start if that is smaller. `None` if the angles are not finite.
+pub fn departing(arm: &Kinematics, from: &Joints, flange_from_tool: Rigid<Flange, Tool>) -> Option<Kinematics> {
+    let tip = (arm.base_from_flange(from)? * flange_from_tool).origin();
+    let Some(obstacles) = arm.obstacles() else { return Some(arm.clone()) };
+    let parts = parts(arm, tip, &from.degrees());
+    let of_obstacle = |obstacle: &Obstacle| {
+        parts.map(|(_, from, to, needed_mm)| {
+            let nearer_mm = obstacle.nearer_mm(needed_mm, |point| from_line_mm(point, from, to));
+            (0.5 * nearer_mm.unwrap_or(needed_mm)).min(DEPARTURE_MM)
+        })
+    };
+    let least_mm = obstacles.of_each().iter().map(of_obstacle).collect();
+    Some(arm.clone().with_least_distances(least_mm))
 }
 
 /// Returns the distance of a point from the line between two others, mm.

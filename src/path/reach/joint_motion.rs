@@ -52,7 +52,7 @@ mod tests {
     use super::*;
     use crate::cell::Cell;
     use crate::geometry::{KukaPose, Point};
-    use crate::path::reach::Obstacles;
+    use crate::path::reach::{Obstacles, departing};
     use std::sync::Arc;
 
     fn turn(a1_deg: f64) -> Joints {
@@ -103,7 +103,7 @@ mod tests {
         // To the left of the arm, where a positive angle of A1 does not lead.
         let beside = Point::at(tip.mm.x, tip.mm.y + 10.0, tip.mm.z);
         let arm = arm.beside(Arc::new(Obstacles::default().with("panel", [beside])));
-        let departing = arm.clone().departing(&turn(0.0), tool).expect("finite");
+        let departing = departing(&arm, &turn(0.0), tool).expect("finite");
         let moves = |arm: &Kinematics, to| joint_motion(arm, tool, &turn(0.0), &turn(to)).is_ok();
         assert_eq!([moves(&arm, 20.0), moves(&departing, 20.0)], [false, true]);
         assert_eq!([moves(&arm, -20.0), moves(&departing, -20.0)], [false, false]);

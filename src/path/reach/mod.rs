@@ -20,7 +20,7 @@ mod retract;
 mod tests;
 
 pub use super::obstacles::Obstacles;
-pub use clearance::{DepartureDistances, is_clear};
+pub use clearance::{departing, is_clear};
 pub use follow::{Travel, follow, helpful_shift, postures};
 pub use infeasible::{Infeasibility, ReachFault, Singular};
 pub use joint_motion::joint_motion;
