@@ -52,7 +52,7 @@ impl RawChannel {
         let close = format!("</{tag}>");
         let end = text.rfind(&close)?;
         let start = text[..end].rfind(&format!("<{tag} "))?;
-        self.text = text[end + close.len()..].as_bytes().to_vec();
+        self.text = text.as_bytes()[end + close.len()..].to_vec();
         Some(text[start..end].to_owned())
     }
 }
