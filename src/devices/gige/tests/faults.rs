@@ -146,7 +146,7 @@ fn a_wrong_camera_is_refused_in_words() {
     let larger = says(settings([512, 384], FORMAT));
     assert_eq!(larger, "the camera's picture is 256×192 px, but its calibration is for 512×384 px");
     let gain = says(Settings { gain_db: Some(60.0), ..settings(SIZE, FORMAT) });
-    assert!(gain.contains("does not accept Gain = 60: it allows 0 to 48"), "{gain}");
+    assert!(gain.contains("does not accept Gain = 60: valid: 0 to 48"), "{gain}");
     let set = says(Settings { user_set: "UserSet7".to_owned(), ..settings(SIZE, FORMAT) });
     assert!(
         set.contains("does not accept UserSetSelector = UserSet7") && set.contains("Default, UserSet1"),
