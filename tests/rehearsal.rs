@@ -32,7 +32,7 @@ fn a_whole_cycle_by_the_wall_clock_passes_after_abrasion() {
     let ports = format!("command_port = {}\nstate_port = {}", PORTS[0], PORTS[1]);
     let robot = format!("kind = \"eki\"\nhost = \"127.0.0.1\"\n{ports}");
     replaced(&folder.join("cell/cell.toml"), &[("kind = \"mock\"", &robot)]);
-    let short = "frames_per_second = 2.0\nspray_s = 4.0\nrinse_s = 1.0\ndrain_s = 0.5";
+    let short = "frames_per_second = 5.0\nspray_s = 4.0\nrinse_s = 1.0\ndrain_s = 0.5";
     replaced(&folder.join("cell/recipe.toml"), &[("frames_per_second = 5.0", short)]);
     taught_and_verified(folder);
 

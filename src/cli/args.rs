@@ -271,7 +271,7 @@ pub enum Command {
     /// nothing is changed. Existing parts are replaced only if they are named, and the replaced parts are kept.
     #[command(
         after_help = "Example, after the example of `panelprep backup --help`, next to the original cell:\n  \
-                      panelprep restore target/cell.tar.zst --cell target/restored/cell.toml\nTo replace \
+                      panelprep restore target/cell.tar.zst --cell target/restored/cell.toml --last-cycle 2\nTo replace \
                       the existing store, with the service stopped:\n  panelprep restore target/cell.tar.zst \
                       --cell target/restored/cell.toml --only store --replace store\nExit codes: 0 restored, 1 the \
                       backup is damaged and nothing was changed, 2 something already exists or is in use."
