@@ -45,11 +45,10 @@ pub fn incomplete(cell: &Cell, purpose: Purpose, read: ReadNamed<'_>) -> Vec<Unm
 /// with `mock-robot`.
 fn acceptance(cell: &Cell, purpose: Purpose) -> Option<Unmet> {
     let robot = cell.robot();
-    let is_real = robot.kind() == RobotKind::Eki && !robot.is_on_this_machine();
     let message = "is missing: with which programs of the controller this cell was accepted is NOT PROVEN, and others would not \
                    be noticed; run `panelprep doctor --kuka DIR --accept` with the controller's files and add the \
                    line that it prints";
-    let lacks = purpose == Purpose::Cycle && is_real && robot.programs_sum().is_none();
+    let lacks = purpose == Purpose::Cycle && robot.is_real() && robot.programs_sum().is_none();
     lacks.then(|| Unmet { lack: Lack::Acceptance, ..Unmet::new("robot.programs_sum", message) })
 }
 
@@ -183,7 +182,7 @@ fn calibrations(cell: &Cell) -> Vec<Unmet> {
 fn cameras(cell: &Cell) -> Vec<Unmet> {
     let mut wrong = Vec::new();
     let robot = cell.robot();
-    if robot.kind() == RobotKind::Eki && !robot.is_on_this_machine() {
+    if robot.is_real() {
         let message = format!(
             "found \"simulated\", a camera of the simulated cell, but [robot] is a controller at {}; configure the \
              real camera or a recording, or test with `panelprep mock-robot` and host = \"127.0.0.1\"",

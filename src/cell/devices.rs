@@ -154,11 +154,15 @@ impl Robot {
     /// # Errors
     /// If it is not signed.
     pub fn requires_signed(&self, needed: ProofStage) -> Result<(), Unsigned> {
-        let is_real = self.kind == RobotKind::Eki && !self.is_on_this_machine();
-        if is_real && self.signed_stage < Some(needed) {
+        if self.is_real() && self.signed_stage < Some(needed) {
             return Err(Unsigned { needed, signed: self.signed_stage });
         }
         Ok(())
+    }
+
+    /// Returns whether this is a real controller. One on this computer is a rehearsal with `mock-robot`.
+    pub fn is_real(&self) -> bool {
+        self.kind == RobotKind::Eki && !self.is_on_this_machine()
     }
 
     /// Returns whether the controller's address can only be this machine's own.

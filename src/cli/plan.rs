@@ -14,6 +14,7 @@ use crate::path::approach::{Approach, CornerTour};
 use crate::path::disc::DiscUse;
 use crate::path::dwell::{self, Dwell, GridDwell};
 use crate::path::panel_reach::ReachSetup;
+use crate::path::routes::Sander;
 use crate::path::{self, Kinematics, Program, ProgramName, Spread, Waypoint};
 use crate::recipe::Recipe;
 use crate::report::{View, dwell_map, overlap_map};
@@ -150,7 +151,7 @@ fn reach<'a>(
         park,
         ready: files.cell.pose("ready"),
         flange_from_camera: calibrations.flange_from_camera,
-        flange_from_tool: calibrations.flange_from_tool,
+        sander: Sander::new(calibrations.flange_from_tool, recipe.path()),
         corners: &taught.corners,
     };
     let most = corners::most(recipe.corner(), taught.corners.len());

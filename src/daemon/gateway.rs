@@ -44,14 +44,13 @@ impl Gateway {
     /// Passes on a request and returns the reply. It runs on a runtime of tokio that has a blocking thread for the
     /// loader.
     pub async fn request(&self, what: RequestKind, who: Who) -> Reply {
-        let limit = if what.is_urgent() { NAME_TIMEOUT_OF_STOP } else { NAME_TIMEOUT };
         let (what, who) = match what {
             // The user's name is not looked up here: the state is requested many times a second, and the name is read
             // from a file.
             RequestKind::State => (RequestKind::State, who),
             // The files are read here and not in the loop, which must answer the robot while the disk is slow.
             RequestKind::Start(start) => {
-                let (recipe, who) = (start.recipe.clone(), self.named(who, limit).await);
+                let (recipe, who) = (start.recipe.clone(), self.named(who).await);
                 match self.prepare(start).await {
                     Ok(prepared) => (RequestKind::Begin(Box::new(prepared)), who),
                     Err(refused) => {
@@ -68,7 +67,10 @@ impl Gateway {
             RequestKind::Table(request) if request.is_decision() => {
                 return Reply::refused(Exit::Refused, vec![operator_texts::no_step(request)]);
             }
-            what => (what, self.named(who, limit).await),
+            what if what.is_urgent() => {
+                (what, caller::named_within(who, self.names.clone(), NAME_TIMEOUT_OF_STOP).await)
+            }
+            what => (what, self.named(who).await),
         };
         let in_log = (!matches!(what, RequestKind::State)).then(|| (what.words(), caller::in_log(&who)));
         let (reply, answer) = oneshot::channel();
@@ -91,8 +93,9 @@ impl Gateway {
         }
     }
 
-    async fn named(&self, who: Who, limit: Duration) -> Who {
-        caller::named_within(who, self.names.clone(), limit).await
+    /// Returns the user with a name, if this computer's list of users has one and can be read in time.
+    pub(super) async fn named(&self, who: Who) -> Who {
+        caller::named_within(who, self.names.clone(), NAME_TIMEOUT).await
     }
 
     /// Passes on a request that was refused here or in a front, for the record.

@@ -14,7 +14,7 @@ use crate::geometry::{Base, Flange, Joints, Panel, Rigid, Tool};
 use crate::number_text::apart;
 use crate::panel::panel_from_base_at_teaching;
 use crate::path::reach::{self, Infeasibility, Obstacles};
-use crate::path::routes::{self, Gated, LinearMotion, PathSpeed, Sander, StartState};
+use crate::path::routes::{self, Gated, LinearMotion, PathSpeed, StartState};
 use crate::path::trace::Trace;
 use crate::path::{Kinematics, judge_joints, taught_axis};
 use crate::record::{Finding, Kind};
@@ -70,7 +70,8 @@ impl Running<'_> {
             && self.cell.limits.workspace().is_some_and(|workspace| !workspace.holds(tip.origin()))
         {
             let obstacles = self.perception.obstacles().cloned();
-            if !self.joints_are_good(&[ready], AxisMotionStart::Anywhere, obstacles)? {
+            let refusals = self.axis_motion_refusals(&[ready], AxisMotionStart::Anywhere, obstacles);
+            if !self.is_permitted(refusals)? {
                 self.answer(id, Answer::Failed(Trouble::Gate));
                 return Ok(());
             }
@@ -114,30 +115,33 @@ impl Running<'_> {
         }
     }
 
-    /// Checks whether the axes can move from their present position to these poses, one after the other, without a
-    /// collision with an obstacle.
-    fn joints_are_good(
-        &mut self,
+    /// Returns why the axes cannot move from their present position to these poses, one after the other, without a
+    /// collision with an obstacle; empty if they can.
+    fn axis_motion_refusals(
+        &self,
         poses: &[Joints],
         start: AxisMotionStart,
         obstacles: Option<Arc<Obstacles>>,
-    ) -> Result<bool, DaemonError> {
-        let mut reasons: Vec<Reason> = poses.iter().flat_map(|pose| judge_joints(pose).reasons).collect();
-        match self.robot_state {
-            Some(state) if reasons.is_empty() => {
-                let met = self.met_on_the_way(&state, poses, start, obstacles);
-                reasons.extend(met.map(|met| {
-                    Reason::new("out_of_reach", format!("the motion to the target is not possible: {met}"))
-                }));
-            }
-            Some(_) => {}
-            None => reasons.push(Reason::new("no_route", "the arm's pose is not known")),
+    ) -> Vec<Reason> {
+        let Some(state) = self.robot_state else {
+            return vec![Reason::new("no_route", "the arm's pose is not known")];
+        };
+        let reasons: Vec<Reason> = poses.iter().flat_map(|pose| judge_joints(pose).reasons).collect();
+        if !reasons.is_empty() {
+            return reasons;
         }
-        let good = reasons.is_empty();
-        if !good {
-            self.note(Kind::Gate, reasons)?;
+        let met = self.met_on_the_way(&state, poses, start, obstacles);
+        let reason = |met| Reason::new("out_of_reach", format!("the motion to the target is not possible: {met}"));
+        met.map(reason).into_iter().collect()
+    }
+
+    /// Records the refusals of a motion; returns whether there are none.
+    fn is_permitted(&mut self, refusals: Vec<Reason>) -> Result<bool, DaemonError> {
+        let is_permitted = refusals.is_empty();
+        if !is_permitted {
+            self.note(Kind::Gate, refusals)?;
         }
-        Ok(good)
+        Ok(is_permitted)
     }
 
     /// Returns the first infeasibility on the path of the axes from the reported ones to these poses, one after the
@@ -171,9 +175,9 @@ impl Running<'_> {
     /// only the active tool is known.
     fn mounted(&self, state: &State) -> Vec<(Rigid<Flange, Tool>, f64)> {
         let Some(cycle) = &self.cycle else { return vec![(state.flange_from_tool.to_rigid(), 0.0)] };
-        let disc_mm = cycle.recipe.path().disc_diameter_mm();
+        let sander = cycle.sander();
         let camera = Rigid::claim(*cycle.calibrations.flange_from_camera.isometry());
-        vec![(cycle.calibrations.flange_from_tool, 0.5 * disc_mm), (camera, 0.0)]
+        vec![(sander.flange_from_tip, sander.radius_mm), (camera, 0.0)]
     }
 
     fn by_axes(&mut self, id: Id, motion: Motion, poses: &[Joints]) -> Result<(), DaemonError> {
@@ -200,40 +204,28 @@ impl Running<'_> {
         let is_there =
             |pose: &Joints| state.is_some_and(|state| state.joints.farthest_deg(pose) <= AXIS_DEVIATION_DEG);
         let is_known = self.stood.iter().chain(poses).any(is_there);
-        match (state, self.cycle.clone()) {
-            (Some(_), Some(cycle)) if is_known => {
-                let obstacles = self.obstacles_at_rest(&cycle);
-                self.joints_are_good(poses, AxisMotionStart::PathEnd, Some(obstacles))
-            }
-            // Before the first cycle no path of this program led to a panel.
-            (_, None) if is_known => self.joints_are_good(poses, AxisMotionStart::Anywhere, None),
-            (Some(state), Some(cycle)) => self.leaves_an_unknown_place(&state, &cycle, poses),
-            _ => {
-                let message = "the arm's pose or the panel's position is not known; move the arm to the park pose \
-                               with `panelprep robot move-j park` while a person watches the way";
-                self.note(Kind::Gate, vec![Reason::new("unknown_place", message)])?;
-                Ok(false)
-            }
+        let cycle = self.cycle.clone();
+        if state.is_none() || (cycle.is_none() && !is_known) {
+            let message = "the arm's pose or the panel's position is not known; move the arm to the park pose \
+                           with `panelprep robot move-j park` while a person watches the way";
+            return self.is_permitted(vec![Reason::new("unknown_place", message)]);
         }
-    }
-
-    fn leaves_an_unknown_place(
-        &mut self,
-        state: &State,
-        cycle: &CycleSetup,
-        poses: &[Joints],
-    ) -> Result<bool, DaemonError> {
-        let obstacles = self.obstacles_at_rest(cycle);
-        let Some(met) = self.met_on_the_way(state, poses, AxisMotionStart::Anywhere, Some(obstacles)) else {
-            return self.joints_are_good(poses, AxisMotionStart::Anywhere, None);
+        // Before the first cycle no path of this program led to a panel.
+        let obstacles = cycle.map(|cycle| self.obstacles_at_rest(&cycle));
+        let start = if is_known { AxisMotionStart::PathEnd } else { AxisMotionStart::Anywhere };
+        let refusals = self.axis_motion_refusals(poses, start, obstacles);
+        let of_an_unknown_place = |refusal: Reason| {
+            let message = format!(
+                "the arm is not at a pose of this program's last path, and {}. Jog the tool off the panel in T1, or \
+                 move the arm with `panelprep robot move-j park` and watch the motion",
+                refusal.message
+            );
+            Reason::new("unknown_place", message)
         };
-        let message = format!(
-            "the arm is not at a pose of this program's last path, and the motion to the park pose is not \
-             possible: {met}. Jog the tool off the panel in T1, or move the arm with `panelprep robot move-j park` \
-             and watch the motion"
-        );
-        self.note(Kind::Gate, vec![Reason::new("unknown_place", message)])?;
-        Ok(false)
+        self.is_permitted(match start {
+            AxisMotionStart::PathEnd => refusals,
+            AxisMotionStart::Anywhere => refusals.into_iter().map(of_an_unknown_place).collect(),
+        })
     }
 
     /// Returns what the last scan showed, or, without a scan in this cycle, the panel at its last known pose.
@@ -326,8 +318,7 @@ impl Running<'_> {
                 let from: Rigid<Base, Tool> = state.base_from_tcp.to_rigid();
                 // For this motion the camera is the tool.
                 let to = Rigid::claim(*self.perception.corner_pose(cycle)?.isometry());
-                let (flange_from_tip, lift_mm) = (cycle.calibrations.flange_from_tool, settings.approach_mm());
-                Some(routes::view(standing, (from, to), Sander { flange_from_tip, lift_mm }))
+                Some(routes::view(standing, (from, to), cycle.sander()))
             }
             Path::Approach => {
                 let to = routes::waypoints(self.abrasion.latest()?).first()?.as_sent();

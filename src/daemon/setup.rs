@@ -9,6 +9,7 @@ use crate::inspect::Demands;
 use crate::locate::{LocateError, ScanErrors, TaughtModel};
 use crate::panel::{TaughtCorner, TaughtPanel};
 use crate::path::approach::CornerTour;
+use crate::path::routes::Sander;
 use crate::recipe::Recipe;
 use crate::removal::model::Model;
 use crate::requirements::recipe_fits::force_fits;
@@ -164,9 +165,14 @@ impl CycleSetup {
             park: self.cell.park,
             ready: self.cell.ready,
             flange_from_camera: self.calibrations.flange_from_camera,
-            flange_from_tool: self.calibrations.flange_from_tool,
+            sander: self.sander(),
             corners: &self.corners,
         }
+    }
+
+    /// Returns the sander of the cell with the disc of the recipe.
+    pub fn sander(&self) -> Sander {
+        Sander::new(self.calibrations.flange_from_tool, self.recipe.path())
     }
 
     /// Returns the demands on a film.

@@ -204,7 +204,7 @@ async fn attend((stream, who): (UnixStream, Who), mut slot: Slot<Option<u32>>, g
         what => what,
     });
     if let Some(reason) = heard.as_ref().ok().and_then(|what| rule.refusal(&who, what)) {
-        let who = caller::named(who);
+        let who = gateway.named(who).await;
         tracing::warn!("refused to {}: {}", caller::in_log(&who), reason.message);
         if let Some(wanted) = heard.as_ref().ok().and_then(RequestKind::wanted) {
             gateway.keep_refused(wanted, who, vec![reason.clone()]);
@@ -212,7 +212,7 @@ async fn attend((stream, who): (UnixStream, Who), mut slot: Slot<Option<u32>>, g
         return send_reply(&stream, &Reply::refused(Exit::Refused, vec![reason])).await;
     }
     if let (Ok(RequestKind::Shoot(shot)), Some(cameras)) = (&heard, &gateway.cameras) {
-        return lend(stream, *shot, cameras.clone(), who);
+        return lend(stream, *shot, cameras.clone(), &gateway.named(who).await);
     }
     let reply = match heard {
         Ok(what) => gateway.request(what, who).await,
@@ -270,8 +270,8 @@ async fn write(stream: &UnixStream, mut line: &[u8]) -> std::io::Result<()> {
 }
 
 /// Lends the cameras to the client at the other end, on a thread of its own.
-fn lend(stream: UnixStream, shot: ShotRequest, cameras: SharedCameras, who: Who) {
-    tracing::info!("{} asks: {}", caller::in_log(&caller::named(who)), shot.word());
+fn lend(stream: UnixStream, shot: ShotRequest, cameras: SharedCameras, who: &Who) {
+    tracing::info!("{} asks: {}", caller::in_log(who), shot.word());
     let lent = stream.into_std().and_then(|stream| {
         thread::Builder::new().name("shots".to_owned()).spawn(move || camera_lease::serve(stream, shot, &cameras))
     });

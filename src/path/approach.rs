@@ -28,8 +28,8 @@ pub struct CornerTour<'a> {
     pub ready: Option<Joints>,
     /// Mounting of the flange camera.
     pub flange_from_camera: Rigid<Flange, FlangeCamera>,
-    /// The contact point of the sanding tool.
-    pub flange_from_tool: Rigid<Flange, Tool>,
+    /// The sander, which keeps its distances while the camera is moved.
+    pub sander: Sander,
     /// The taught corners.
     pub corners: &'a [TaughtCorner],
 }
@@ -64,7 +64,7 @@ impl<'a> CornerTour<'a> {
         if panel.corners.is_empty() {
             return Err(no_corner());
         }
-        let (flange_from_tool, base_from_panel) = (self.flange_from_tool, panel.base_from_panel);
+        let (flange_from_tool, base_from_panel) = (self.sander.flange_from_tip, panel.base_from_panel);
         Ok(ReachSetup { arm: kinematics, flange_from_tool, base_from_panel, from: Some(at) })
     }
 
@@ -134,8 +134,7 @@ impl<'a> CornerTour<'a> {
         let to = Rigid::claim(*(panel.base_from_panel * taught.teaching.panel_from_camera).isometry());
         let (limits, arm, obstacles) = (self.limits, self.arm, panel.obstacles);
         let standing = StartState { limits, arm, flange_from_tool, joints: at, obstacles };
-        let gated =
-            routes::view(&standing, (from, to), Sander { flange_from_tip: self.flange_from_tool, lift_mm: 0.0 });
+        let gated = routes::view(&standing, (from, to), self.sander);
         let refused = gated.judgement().reasons.into_iter().next();
         let on_the_way = |reason: Reason| Reason {
             message: format!("on the motion to corner {}: {}", corner + 1, reason.message),

@@ -189,13 +189,22 @@ pub fn contact(
     gated.refused_for(of_plan)
 }
 
-/// The sander on the flange, during a motion whose tool is the camera.
+/// The sander on the flange.
 #[derive(Debug, Clone, Copy)]
 pub struct Sander {
     /// The contact point of the disc.
     pub flange_from_tip: Rigid<Flange, Tool>,
+    /// The radius of the disc, mm.
+    pub radius_mm: f64,
     /// The distance along its axis by which the sander is lifted off the panel, mm.
     pub lift_mm: f64,
+}
+
+impl Sander {
+    /// The sander that is mounted at this contact point and used as the recipe states.
+    pub fn new(flange_from_tip: Rigid<Flange, Tool>, settings: &recipe::Path) -> Self {
+        Sander { flange_from_tip, radius_mm: settings.disc_diameter_mm() / 2.0, lift_mm: settings.approach_mm() }
+    }
 }
 
 /// Checks the motion to a view of a corner. The end of the motion must lie in the volume in which the arm's correction
@@ -207,7 +216,7 @@ pub fn view(
     (from, to): (Rigid<Base, Tool>, Rigid<Base, Tool>),
     sander: Sander,
 ) -> Gated {
-    let arm = standing.kinematics();
+    let arm = standing.kinematics().with_tool_radius(sander.radius_mm);
     let tip = arm.base_from_flange(&standing.joints).map(|flange| flange * sander.flange_from_tip);
     let Some(tip) = tip.filter(|_| !reach::is_clear(&arm, sander.flange_from_tip, &standing.joints)) else {
         return view_from(standing, (from, to), sander);
@@ -234,14 +243,14 @@ fn view_from(
     if !gated.is_good() {
         return gated;
     }
-    let arm = standing.kinematics();
+    let arm = standing.kinematics().with_tool_radius(sander.radius_mm);
     let arm = match reach::is_clear(&arm, sander.flange_from_tip, &standing.joints) {
-        true => Some(arm),
-        false => reach::departing(&arm, &standing.joints, sander.flange_from_tip),
+        true => arm,
+        // Angles that are not finite keep the configured distances, and are refused below.
+        false => reach::departing(&arm, &standing.joints, sander.flange_from_tip).unwrap_or(arm),
     };
-    let followed =
-        arm.map(|arm| follows(&arm, standing, (Rigid::identity(), &gated.points), sander.flange_from_tip));
-    let Some(Err(reason)) = followed else { return gated };
+    let followed = follows(&arm, standing, (Rigid::identity(), &gated.points), sander.flange_from_tip);
+    let Err(reason) = followed else { return gated };
     let message = format!("with the sander: {}", reason.message);
     let check = Check::new("waypoint that the sander follows", "", None);
     gated.refused_for(vec![check.gives(Some(Reason { message, ..reason }), Severity::Reject)])

@@ -130,9 +130,9 @@ mod tests {
         for uid in [0, SERVICE] {
             assert!(all().all(|what| refusal(Some(Role::Viewer), &who(uid), &what).is_none()), "{uid}");
         }
-        let nobody = Who { front: RequestSource::Socket, uid: None, user: None, from: None };
+        let unknown = Who { front: RequestSource::Socket, uid: None, user: None, from: None };
         assert!(
-            refusal(Some(Role::Viewer), &nobody, &RequestKind::NewDisc).is_some(),
+            refusal(Some(Role::Viewer), &unknown, &RequestKind::NewDisc).is_some(),
             "an unknown user is not root"
         );
         let told = refusal(Some(Role::Viewer), &who(1_001), &RequestKind::Table(Request::Hold)).expect("refused");

@@ -6,7 +6,7 @@ use crate::cell::CorrectionNumbers;
 use crate::geometry::{Base, Flange, Joints, Panel, Rigid, Tool};
 use crate::path::approach::Approach;
 use crate::path::reach::Obstacles;
-use crate::path::routes::{self, Sander, StartState};
+use crate::path::routes::{self, StartState};
 use crate::path::{self, Kinematics, Plan, panel_reach};
 use std::sync::Arc;
 
@@ -300,8 +300,7 @@ fn nothing_is_measured_or_touched_where_the_correction_was_not_measured() {
         let from = plan.paths[0].waypoints[0].as_sent();
         let contact = routes::contact(&standing, place, (from, &plan), recipe.path());
         let [here, there] = [0, 1].map(|index| place * plan.paths[0].waypoints[index].as_sent());
-        let view =
-            routes::view(&standing, (here, there), Sander { flange_from_tip: flange_from_tool, lift_mm: 40.0 });
+        let view = routes::view(&standing, (here, there), job.sander());
         for gated in [contact, view] {
             assert_eq!(gated.is_good(), code.is_none(), "{:?}", gated.judgement());
             assert_eq!(gated.judgement().reasons.first().map(|reason| reason.code.to_string()).as_deref(), code);

@@ -126,7 +126,7 @@ pub fn start_of(serial: &str, another: bool) -> CycleStart {
 fn a_count_is_of_one_part_and_falls_by_nothing_else() {
     let (_folder, mut store) = new_store();
     let one = cut_short(&mut store, ("SN ü17", 3), false);
-    let nobody = cut_short(&mut store, ("", 4), false);
+    let without_serial = cut_short(&mut store, ("", 4), false);
     let mut counted = |serial: &str, another| {
         let id = store.begin_cycle(&start_of(serial, another)).expect("begun");
         let mut cycles: Vec<i64> =
@@ -134,11 +134,11 @@ fn a_count_is_of_one_part_and_falls_by_nothing_else() {
         cycles.dedup();
         (id, cycles)
     };
-    let both = vec![one.0, nobody.0];
+    let both = vec![one.0, without_serial.0];
     for serial in ["SN ü17", "sn Ü17", " SN ü17 "] {
         assert_eq!(counted(serial, false).1, both, "{serial}: the part without a number may be this one");
     }
-    assert_eq!(counted("SN 18", false).1, [nobody.0], "another number");
+    assert_eq!(counted("SN 18", false).1, [without_serial.0], "another number");
     assert_eq!(counted("", false).1, both, "it may be any of them");
     assert_eq!(counted("SN 30", true).1, [0_i64; 0], "a person says so");
     assert_eq!(counted("SN 30", false).1, [0_i64; 0], "and said so before");
@@ -153,8 +153,8 @@ fn a_count_is_of_one_part_and_falls_by_nothing_else() {
             .map(|pass| pass.cycle)
             .collect::<std::collections::BTreeSet<_>>()
     };
-    assert_eq!(after(""), [one, nobody].into(), "the result of SN 18 says nothing of them");
-    assert_eq!(after("SN 18"), [nobody].into());
+    assert_eq!(after(""), [one, without_serial].into(), "the result of SN 18 says nothing of them");
+    assert_eq!(after("SN 18"), [without_serial].into());
 }
 
 /// A part without a serial number that failed may be the one in the next start: its passes count until a start states
@@ -172,9 +172,9 @@ fn a_fail_ends_no_count_without_a_serial_number() {
         let id = store.begin_cycle(&start_of(serial, another)).expect("begun");
         store.abraded_before(id).expect("read").iter().map(|pass| pass.cycle).collect()
     };
-    let nobody = failed(&mut store, ("", 3), false);
-    assert_eq!(counted(&mut store, ("", false)), [nobody]);
-    assert_eq!(counted(&mut store, ("SN 1", false)), [nobody], "it may be that part");
+    let without_serial = failed(&mut store, ("", 3), false);
+    assert_eq!(counted(&mut store, ("", false)), [without_serial]);
+    assert_eq!(counted(&mut store, ("SN 1", false)), [without_serial], "it may be that part");
     assert_eq!(counted(&mut store, ("", true)), []);
     assert_eq!(counted(&mut store, ("", false)), [], "it was stated before");
     let one = failed(&mut store, ("SN 1", 4), true);

@@ -97,8 +97,8 @@ pub(super) const ALL: [Mutation; 16] = [
     change(
         "the axes move from a place that is not known",
         MOVES,
-        "(Some(state), Some(cycle)) => self.leaves_an_unknown_place(&state, &cycle, poses),",
-        "(Some(_), Some(_)) => self.joints_are_good(poses, reach::joint_motion, None),",
+        "let obstacles = cycle.map(|cycle| self.obstacles_at_rest(&cycle));",
+        "let obstacles = None;",
     ),
     change(
         "a decision upon an earlier step is taken",
