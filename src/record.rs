@@ -77,6 +77,8 @@ impl Budget {
 pub const PASSES_USED: &str = "passes_used";
 /// The name of the stored text in which a start reports that the fixture holds another part than before.
 pub const ANOTHER_PART: &str = "another_part";
+/// The name of the stored text in which a start reports that foam lies in the cell instead of a panel.
+pub const ON_FOAM: &str = "on_foam";
 
 /// The clock with which a cycle ran.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -166,6 +168,11 @@ impl CycleRecord {
                 && asked.answer == Some(Answer::Done)
         };
         self.asked.iter().any(asked) || self.motions.iter().any(|kept| kept.motion.path == Path::Air)
+    }
+
+    /// Returns whether the cycle was started with the statement that foam lies in the cell instead of a panel.
+    pub fn is_on_foam(&self) -> bool {
+        self.files.iter().any(|file| file.name == ON_FOAM)
     }
 }
 

@@ -97,6 +97,7 @@ fn once(
     }
     let taught_recipe =
         TaughtRecipe::read(&files, &args.recipe)?.about(&files, Some(args.part.names()), args.count)?;
+    let taught_recipe = taught_recipe.on_foam(args.on_foam);
     // An air-run abrades nothing, so that the limit of passes does not apply.
     if matches!(request(&taught_recipe), cycle::Request::Start { .. }) {
         taught_recipe.part_may_be_abraded()?;

@@ -13,7 +13,7 @@ use crate::config::Problems;
 use crate::cycle::Request;
 use crate::daemon::{Calibrations, CellSetup, CycleSetup, PreparedCycle};
 use crate::recipe::{Recipe, SandedReference};
-use crate::record::PartNames;
+use crate::record::{ON_FOAM, PartNames};
 use crate::requirements::problems_of;
 use crate::requirements::recipe_fits::{plausible, unfit};
 use crate::stages::removal::RemovedBefore;
@@ -87,6 +87,8 @@ pub struct TaughtRecipe {
     count: CountArguments,
     /// Why the part's abrasions cannot be counted without such a statement.
     lost: Option<LostCount>,
+    /// Whether foam lies in the cell instead of a panel.
+    on_foam: bool,
 }
 
 impl TaughtRecipe {
@@ -119,7 +121,14 @@ impl TaughtRecipe {
             earlier: vec![],
             count: CountArguments::default(),
             lost: None,
+            on_foam: false,
         })
+    }
+
+    /// States that foam lies in the cell instead of a panel: the cycle's record releases nothing.
+    #[must_use]
+    pub fn on_foam(self, on_foam: bool) -> Self {
+        TaughtRecipe { on_foam, ..self }
     }
 
     /// Adds this part, whose names are stored with the cycle, and what was stated about its abrasions. Passes in
@@ -195,11 +204,13 @@ impl TaughtRecipe {
         let texts = texts.map(|(name, text)| ((*name).to_owned(), text.clone()));
         let another = self.count.another_part.then(part::another);
         let lost = self.count.lost_passes.map(part::lost).transpose()?;
+        let foam =
+            self.on_foam.then(|| (ON_FOAM.to_owned(), "foam lies in the cell instead of a panel\n".to_owned()));
         Ok(CycleStart {
             panel: self.recipe.panel().to_owned(),
             taught_version: self.taught.version.clone(),
             recipe_text: self.recipe_text.clone(),
-            file_texts: texts.chain(another).chain(lost).collect(),
+            file_texts: texts.chain(another).chain(lost).chain(foam).collect(),
             recording: None,
             is_air_run: false,
         })

@@ -69,7 +69,7 @@ impl Running<'_> {
         if let (Path::Corner { .. }, Some(ready), Some(tip)) = (motion.path, self.cell.ready, tip)
             && self.cell.limits.workspace().is_some_and(|workspace| !workspace.holds(tip.origin()))
         {
-            let obstacles = self.perception.obstacles().cloned();
+            let obstacles = self.cycle.clone().map(|cycle| self.obstacles_at_rest(&cycle));
             let refusals = self.axis_motion_refusals(&[ready], AxisMotionStart::Anywhere, obstacles);
             if !self.is_permitted(refusals)? {
                 self.answer(id, Answer::Failed(Trouble::Gate));
@@ -158,8 +158,7 @@ impl Running<'_> {
             Some(obstacles) => arm.beside(obstacles),
             None => arm,
         };
-        self.mounted(state).into_iter().find_map(|(flange_from_tip, radius_mm)| {
-            let arm = arm.clone().with_tool_radius(radius_mm);
+        self.mounted(state).into_iter().find_map(|flange_from_tip| {
             let departing = match start {
                 AxisMotionStart::PathEnd => reach::departing(&arm, &state.joints, flange_from_tip),
                 AxisMotionStart::Anywhere => Some(arm.clone()),
@@ -170,14 +169,13 @@ impl Running<'_> {
         })
     }
 
-    /// Returns the tips of the objects on the flange, each with the radius of its body, mm. These are the sander and
-    /// the camera of the cell, and not the active tool: after a start the controller may have any tool. Without a cycle
-    /// only the active tool is known.
-    fn mounted(&self, state: &State) -> Vec<(Rigid<Flange, Tool>, f64)> {
-        let Some(cycle) = &self.cycle else { return vec![(state.flange_from_tool.to_rigid(), 0.0)] };
-        let sander = cycle.sander();
+    /// Returns the points on the flange whose distances are checked. They belong to the sander and the camera of the
+    /// cell, and not to the active tool: after a start the controller may have any tool. Without a cycle only the active
+    /// tool is known.
+    fn mounted(&self, state: &State) -> Vec<Rigid<Flange, Tool>> {
+        let Some(cycle) = &self.cycle else { return vec![state.flange_from_tool.to_rigid()] };
         let camera = Rigid::claim(*cycle.calibrations.flange_from_camera.isometry());
-        vec![(sander.flange_from_tip, sander.radius_mm), (camera, 0.0)]
+        cycle.sander().tips().into_iter().chain([camera]).collect()
     }
 
     fn by_axes(&mut self, id: Id, motion: Motion, poses: &[Joints]) -> Result<(), DaemonError> {
@@ -194,8 +192,8 @@ impl Running<'_> {
         self.under_way(id, motion, sent, (1, end))
     }
 
-    /// Checks the motion to the park pose, with the panel as an obstacle. At the end of a path of this program the arm
-    /// may be nearer to the panel than is permitted elsewhere, and must not come nearer. Elsewhere, after a stop, an
+    /// Checks the motion to the park pose, with the panel as an obstacle. At the end of a path of this program the tool
+    /// may come as near to the panel as [`reach::departing`] permits. Elsewhere, after a stop, an
     /// abort or a start of the program, the arm may be anywhere, and the tool may be at the panel: the axes move only
     /// if the whole motion keeps the configured distances; otherwise a person must move the arm away.
     fn leaves_clear_of_the_panel(&mut self, poses: &[Joints]) -> Result<bool, DaemonError> {
@@ -203,6 +201,7 @@ impl Running<'_> {
         // A person may have jogged the arm since the end of the path: the axes show whether it is still there.
         let is_there =
             |pose: &Joints| state.is_some_and(|state| state.joints.farthest_deg(pose) <= AXIS_DEVIATION_DEG);
+        let is_at_path_end = self.stood.iter().any(is_there) && !poses.iter().any(is_there);
         let is_known = self.stood.iter().chain(poses).any(is_there);
         let cycle = self.cycle.clone();
         if state.is_none() || (cycle.is_none() && !is_known) {
@@ -212,7 +211,7 @@ impl Running<'_> {
         }
         // Before the first cycle no path of this program led to a panel.
         let obstacles = cycle.map(|cycle| self.obstacles_at_rest(&cycle));
-        let start = if is_known { AxisMotionStart::PathEnd } else { AxisMotionStart::Anywhere };
+        let start = if is_at_path_end { AxisMotionStart::PathEnd } else { AxisMotionStart::Anywhere };
         let refusals = self.axis_motion_refusals(poses, start, obstacles);
         let of_an_unknown_place = |refusal: Reason| {
             let message = format!(
@@ -222,9 +221,9 @@ impl Running<'_> {
             );
             Reason::new("unknown_place", message)
         };
-        self.is_permitted(match start {
-            AxisMotionStart::PathEnd => refusals,
-            AxisMotionStart::Anywhere => refusals.into_iter().map(of_an_unknown_place).collect(),
+        self.is_permitted(match is_known {
+            true => refusals,
+            false => refusals.into_iter().map(of_an_unknown_place).collect(),
         })
     }
 
@@ -304,12 +303,14 @@ impl Running<'_> {
         let (cycle, state) = (self.setup()?, self.robot_state?);
         let place = self.perception.place();
         let pad: Rigid<Panel, Tool> = state.base_from_tcp.to_rigid();
+        // The panel is an obstacle on the way to a view of it, and not on a path that leads to its surface.
+        let obstacles = matches!(motion.path, Path::Corner { .. }).then(|| self.obstacles_at_rest(cycle));
         let standing = &StartState {
             limits: &cycle.cell.limits,
             arm: &cycle.cell.arm,
             flange_from_tool: state.flange_from_tool.to_rigid(),
             joints: state.joints,
-            obstacles: self.perception.obstacles().filter(|_| matches!(motion.path, Path::Corner { .. })),
+            obstacles: obstacles.as_ref(),
         };
         let settings = cycle.recipe.path();
         match motion.path {
@@ -406,7 +407,10 @@ impl Running<'_> {
             End::Tip(end) => {
                 let camera = matches!(sent.motion.path, Path::Corner { .. });
                 let base = if camera { Some(Rigid::identity()) } else { self.perception.place().map(as_base) };
-                let Some(base_from_active) = base else { return vec![] };
+                let Some(base_from_active) = base else {
+                    let message = "the panel's pose is not known, so that the arm's deviation from its path cannot be checked";
+                    return vec![Reason::new("deviation", message)];
+                };
                 let tip = base_from_active * state.base_from_tcp.to_rigid::<Base, Tool>();
                 (tip.origin().distance_mm(end.origin()), (tip.inverse() * end).turn().0, DEVIATION_DEG)
             }

@@ -136,8 +136,9 @@ impl Sanded<'_> {
             sites: self.sites(shimmer),
             shimmer,
             tolerance: self.model.away_share(),
-            // The smallest square alone has too few sites to show water at few pictures a second.
-            near: reaches_disc.unwrap_or(RADII.len() - 1).max(NEAREST - 1),
+            // The smallest square alone has too few sites to show water at few pictures a second, and the largest has
+            // none beyond it that would confirm it.
+            near: reaches_disc.unwrap_or(RADII.len() - 1).clamp(NEAREST - 1, RADII.len() - 2),
         };
         let is_wet = lattice.wet();
         // A pixel gets the evidence of a neighbouring wet site of similar brightness, or of a neighbouring place that

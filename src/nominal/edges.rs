@@ -16,7 +16,7 @@ pub const HARMLESS_GAP_MM: f64 = 0.05;
 const MIN_PARALLEL: f64 = 0.97;
 /// Faces at a larger angle meet at an edge of the panel, rad; at a smaller one they approximate a curved surface. A
 /// real edge of a smaller angle counts as coarse triangles, which a person reviews.
-const SMOOTH_RAD: f64 = 0.5;
+const SMOOTH_RAD: f64 = 0.55;
 
 /// The edges of a part.
 pub struct Edges {

@@ -115,7 +115,9 @@ impl<'a> CornerTour<'a> {
         let met = |obstacle| {
             Reason::new("out_of_reach", format!("on the motion from the park pose to the ready pose: {obstacle}"))
         };
-        joint_motion(&beside, self.camera(), &self.park, &ready).map_err(met)?;
+        for tip in self.sander.tips().into_iter().chain([self.camera()]) {
+            joint_motion(&beside, tip, &self.park, &ready).map_err(met)?;
+        }
         Ok(ready)
     }
 

@@ -28,7 +28,6 @@ pub struct Kinematics {
     solver: OPWKinematics,
     correction: Option<Correction>,
     obstacles: Option<Arc<Obstacles>>,
-    tool_radius_mm: f64,
     least_mm: Option<Arc<Vec<[f64; 4]>>>,
 }
 
@@ -61,7 +60,6 @@ impl Kinematics {
             solver: OPWKinematics::new(parameters),
             correction,
             obstacles: None,
-            tool_radius_mm: 0.0,
             least_mm: None,
         }
     }
@@ -70,18 +68,6 @@ impl Kinematics {
     #[must_use]
     pub fn beside(self, obstacles: Arc<Obstacles>) -> Self {
         Kinematics { obstacles: Some(obstacles), ..self }
-    }
-
-    /// Returns the arm with a tool of this radius at its tip. The rim of a disc reaches farther than the line from the
-    /// flange to the tip.
-    #[must_use]
-    pub fn with_tool_radius(self, tool_radius_mm: f64) -> Self {
-        Kinematics { tool_radius_mm, ..self }
-    }
-
-    /// The radius of the tool at its tip, mm.
-    pub(super) fn tool_radius_mm(&self) -> f64 {
-        self.tool_radius_mm
     }
 
     /// Returns the arm with its own least distances from the obstacles instead of the configured ones, mm: for each

@@ -16,6 +16,7 @@ use crate::number_text::apart;
 use crate::recipe;
 use crate::verdict::{Check, Judgement, Reason, Severity, Verdict};
 use nalgebra::Vector3;
+use std::f64::consts::FRAC_PI_4;
 use std::sync::Arc;
 
 /// Largest step and rotation of a motion through air.
@@ -194,7 +195,7 @@ pub fn contact(
 pub struct Sander {
     /// The contact point of the disc.
     pub flange_from_tip: Rigid<Flange, Tool>,
-    /// The radius of the disc, mm.
+    /// The radius of the disc, mm. Its rim reaches farther than the line from the flange to the contact point.
     pub radius_mm: f64,
     /// The distance along its axis by which the sander is lifted off the panel, mm.
     pub lift_mm: f64,
@@ -204,6 +205,22 @@ impl Sander {
     /// The sander that is mounted at this contact point and used as the recipe states.
     pub fn new(flange_from_tip: Rigid<Flange, Tool>, settings: &recipe::Path) -> Self {
         Sander { flange_from_tip, radius_mm: settings.disc_diameter_mm() / 2.0, lift_mm: settings.approach_mm() }
+    }
+
+    /// Returns the points of the sander whose distances from obstacles are checked: the contact point, and eight points
+    /// of the rim.
+    pub fn tips(&self) -> Vec<Rigid<Flange, Tool>> {
+        let rim = |number: u32| {
+            let (sine, cosine) = (f64::from(number) * FRAC_PI_4).sin_cos();
+            let aside = Vector::new(Vector3::new(cosine, sine, 0.0) * self.radius_mm);
+            self.flange_from_tip * Rigid::<Tool, Tool>::identity().displaced(aside)
+        };
+        std::iter::once(self.flange_from_tip).chain((0..8).map(rim)).collect()
+    }
+
+    /// Returns whether the whole sander keeps the configured distances from the obstacles.
+    fn is_clear(&self, arm: &Kinematics, at: &Joints) -> bool {
+        self.tips().into_iter().all(|tip| reach::is_clear(arm, tip, at))
     }
 }
 
@@ -216,17 +233,23 @@ pub fn view(
     (from, to): (Rigid<Base, Tool>, Rigid<Base, Tool>),
     sander: Sander,
 ) -> Gated {
-    let arm = standing.kinematics().with_tool_radius(sander.radius_mm);
+    let arm = standing.kinematics();
     let tip = arm.base_from_flange(&standing.joints).map(|flange| flange * sander.flange_from_tip);
-    let Some(tip) = tip.filter(|_| !reach::is_clear(&arm, sander.flange_from_tip, &standing.joints)) else {
+    let Some(tip) = tip.filter(|_| !sander.is_clear(&arm, &standing.joints)) else {
         return view_from(standing, (from, to), sander);
     };
     let back = tip.isometry().rotation * Vector3::z() * -sander.lift_mm;
     let lifted = from.displaced(Vector::new(back));
-    // The panel is no obstacle while the tool leaves it.
+    // The panel is no obstacle for the sander, which leaves it, but everything is one for the arm and its camera.
     let leaving = StartState { obstacles: None, ..*standing };
     let lift = air(&leaving, Rigid::<Base, Base>::identity(), (from, lifted), None);
     let Some(joints) = lift.joints else { return lift };
+    let departing = reach::departing(&arm, &standing.joints, standing.flange_from_tool).unwrap_or(arm);
+    let followed = follows(&departing, standing, (Rigid::identity(), &lift.points), standing.flange_from_tool);
+    if let Err(reason) = followed {
+        let check = Check::new("waypoint of the lift that the arm follows", "", None);
+        return lift.refused_for(vec![check.gives(Some(reason), Severity::Reject)]);
+    }
     let view = view_from(&StartState { joints, ..*standing }, (lifted, to), sander);
     Gated { points: lift.points.into_iter().chain(view.points).collect(), ..view }
 }
@@ -243,14 +266,14 @@ fn view_from(
     if !gated.is_good() {
         return gated;
     }
-    let arm = standing.kinematics().with_tool_radius(sander.radius_mm);
-    let arm = match reach::is_clear(&arm, sander.flange_from_tip, &standing.joints) {
-        true => arm,
+    let arm = standing.kinematics();
+    let is_clear = sander.is_clear(&arm, &standing.joints);
+    let follows_with = |tip: Rigid<Flange, Tool>| {
         // Angles that are not finite keep the configured distances, and are refused below.
-        false => reach::departing(&arm, &standing.joints, sander.flange_from_tip).unwrap_or(arm),
+        let departing = reach::departing(&arm, &standing.joints, tip).filter(|_| !is_clear);
+        follows(departing.as_ref().unwrap_or(&arm), standing, (Rigid::identity(), &gated.points), tip)
     };
-    let followed = follows(&arm, standing, (Rigid::identity(), &gated.points), sander.flange_from_tip);
-    let Err(reason) = followed else { return gated };
+    let Some(reason) = sander.tips().into_iter().find_map(|tip| follows_with(tip).err()) else { return gated };
     let message = format!("with the sander: {}", reason.message);
     let check = Check::new("waypoint that the sander follows", "", None);
     gated.refused_for(vec![check.gives(Some(Reason { message, ..reason }), Severity::Reject)])
@@ -404,7 +427,8 @@ fn follows(
         .iter()
         .map(|point| Leg {
             base_from_tool: base_from_active * point.pose.to_rigid::<Base, Tool>() * tool_from_mounted,
-            feed_mm_s: AIR_MM_S.min(standing.limits.max_speed_mm_s()),
+            // The speed of the axes was checked with the active tool: this checks only distances and configuration.
+            feed_mm_s: 1.0,
             blend_mm: point.blend_mm,
         })
         .collect();

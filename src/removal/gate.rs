@@ -2,7 +2,7 @@
 
 use super::coupons::Coupon;
 use super::fit::Fitted;
-use super::model::{MM2_PER_M2, UNKNOWN_DISC_DEVIATION};
+use super::model::{MIN_DISCS, MM2_PER_M2, UNKNOWN_DISC_DEVIATION};
 use super::power::Power;
 use crate::number_text::{apart, fixed};
 use crate::verdict::{Check, SetBy};
@@ -18,8 +18,6 @@ const COUPON_PERCENT: Bounds = [10.0, 30.0];
 const LEFT_OUT_PERCENT: Bounds = [12.0, 40.0];
 /// Scatter σ of ln k from disc to disc, percent.
 const DISC_PERCENT: Bounds = [100.0 * UNKNOWN_DISC_DEVIATION, 30.0];
-/// Smallest number of discs that shows their scatter.
-const MIN_DISCS: usize = 3;
 /// Smallest number of coupons with which no review is needed.
 const MIN_MEASURED_PLACES: f64 = 8.0;
 

@@ -37,7 +37,7 @@ pub struct Model {
     pub covariance: Matrix2<f64>,
     /// σ_r.
     pub coupon_deviation: f64,
-    /// σ_d; [`UNKNOWN_DISC_DEVIATION`] if the coupons do not show it.
+    /// σ_d; at least [`UNKNOWN_DISC_DEVIATION`] if fewer than [`MIN_DISCS`] discs treated the coupons.
     pub disc_deviation: f64,
     /// Effective degrees of freedom with which σ_r and σ_d are known.
     pub redundancy: f64,
@@ -57,6 +57,8 @@ pub const FORCE_RANGE: f64 = LEVELS;
 const FORCE_NEAR: f64 = 1.15;
 /// Scatter from disc to disc if the coupons do not show it: the largest one that needs no review if it is measured.
 pub(super) const UNKNOWN_DISC_DEVIATION: f64 = 0.10;
+/// Smallest number of discs that shows their scatter.
+pub(super) const MIN_DISCS: usize = 3;
 /// An exponent of the force that the coupons do not determine may differ by this much from 1.
 const UNKNOWN_POWER_OFF: f64 = 0.5;
 
@@ -65,7 +67,10 @@ impl From<&RemovalNumbers> for Model {
         let deviations = [found.preston_deviation_percent() / 100.0, found.wear_deviation_per_m2() / MM2_PER_M2];
         let (coupons, discs) = (found.coupons().saturating_sub(FITTED).max(1) as f64, found.discs() as f64);
         let coupon = found.coupon_deviation_percent() / 100.0;
-        let disc = found.disc_deviation_percent().map(|percent| percent / 100.0);
+        let measured = found.disc_deviation_percent().map(|percent| percent / 100.0);
+        // Two discs that are alike by chance do not show that all are.
+        let disc =
+            measured.map(|disc| if found.discs() < MIN_DISCS { disc.max(UNKNOWN_DISC_DEVIATION) } else { disc });
         let [of_coupon, of_disc] = [coupon, disc.unwrap_or(0.0)].map(|deviation| deviation.powi(2));
         let known = of_coupon.powi(2) / (coupons - discs).max(1.0) + of_disc.powi(2) / (discs - 1.0).max(1.0);
         let across = found.correlation() * deviations[0] * deviations[1];
@@ -74,7 +79,7 @@ impl From<&RemovalNumbers> for Model {
             decay_per_mm2: found.wear_per_m2() / MM2_PER_M2,
             covariance: Matrix2::new(deviations[0].powi(2), across, across, deviations[1].powi(2)),
             coupon_deviation: coupon,
-            // What was not measured counts as bad as it may be, and not as zero.
+            // A scatter that was not measured is the largest that needs no review, and not zero.
             disc_deviation: disc.unwrap_or(UNKNOWN_DISC_DEVIATION),
             // Satterthwaite: the degrees of freedom of a sum of two variances.
             redundancy: if known > 0.0 { ((of_coupon + of_disc).powi(2) / known).min(coupons) } else { coupons },
@@ -163,7 +168,8 @@ pub(crate) mod tests {
         ..MODEL
     };
 
-    /// A calibration that does not state the scatter from disc to disc has that of discs which differ by 10 %.
+    /// A calibration that does not state the scatter from disc to disc has that of discs which differ by 10 %; so has
+    /// one whose two discs were alike.
     #[test]
     fn discs_whose_scatter_is_not_known_may_differ() {
         let numbers = |disc: &str| {
@@ -178,6 +184,8 @@ pub(crate) mod tests {
         };
         let model = |disc: &str| Model::from(&numbers(disc));
         assert!((model("").disc_deviation - 0.10).abs() < 1e-12 && model("").redundancy >= 10.0);
+        assert!((model("discs = 2\ndisc_deviation_percent = 0.3\n").disc_deviation - 0.10).abs() < 1e-12);
+        assert!((model("discs = 2\ndisc_deviation_percent = 14\n").disc_deviation - 0.14).abs() < 1e-12);
         assert!((model("discs = 4\ndisc_deviation_percent = 2.5\n").disc_deviation - 0.025).abs() < 1e-12);
     }
 

@@ -138,7 +138,7 @@ impl Drawn {
             format!(
                 "on curved surfaces, the drawing's triangles deviate from the surface by about {found} mm (limit {limit} mm), and the \
                  measured deviation of the panel would contain this error; export the drawing with a deviation of 0.01 mm, unless the panel \
-                 has an edge of less than 29° there"
+                 has an edge of less than 31° there"
             )
         };
         let is_cut = outside > MAX_OUTSIDE || self.reaches_rim;

@@ -1,15 +1,20 @@
 //! Checks whether the arm keeps clear of the obstacles that a scan showed.
 
 use super::infeasible::Infeasibility;
-use super::margins::parts;
+use super::margins::{TOOL, parts};
 use crate::geometry::{Base, Flange, Joints, Point, Rigid, Tool};
 use crate::path::kinematics::{Angles, Kinematics};
 use crate::path::obstacles::Obstacle;
 
-/// Distance that is left on a motion from the end of a checked path near an obstacle, mm. Lines keep the configured
-/// distance; the arc of all axes from 40 mm over the demonstration's panel comes down to 19 mm. The obstacles' points are
-/// thinned to 8 mm, which makes a distance of 10 mm appear as up to 12 mm.
-const DEPARTURE_MM: f64 = 12.0;
+/// Largest distance of the tool from an obstacle that is required at the end of a checked path, mm. Elsewhere the
+/// configured distance is required; the arc of all axes from 40 mm over the demonstration's panel brings the rim of the
+/// disc down to 11.8 mm. The obstacles' points are thinned to 8 mm, which makes a distance of 8 mm appear as up to 10 mm.
+const DEPARTURE_MM: f64 = 10.0;
+/// Smallest distance of the tool that shows that it does not pass through a surface, mm: between points that are
+/// thinned to 8 mm, a line keeps smaller distances from all of them.
+const MESH_MM: f64 = 8.0;
+/// Distance that the arm's body may lose on such a motion, mm. Its configured distance contains half of its thickness.
+const BODY_SLACK_MM: f64 = 1.0;
 
 /// Checks that neither a part of the arm nor the tool with its tip at this point is too near to any obstacle point.
 pub(super) fn keeps_clear(arm: &Kinematics, tip: Point<Base>, at: &Angles) -> Result<(), Infeasibility> {
@@ -34,16 +39,21 @@ pub fn is_clear(arm: &Kinematics, flange_from_tool: Rigid<Flange, Tool>, at: &Jo
 }
 
 /// Returns the arm at the end of a checked path that led near to an obstacle: on a motion that begins with these axis
-/// angles, it may stay nearer to the obstacle than elsewhere, but must not come much nearer. The least distance is
-/// [`DEPARTURE_MM`], or half of the distance at the start if that is smaller. `None` if the angles are not finite.
+/// angles, its tool may come as near as [`DEPARTURE_MM`], or half of the distance at the start if that is smaller, but not
+/// nearer than [`MESH_MM`]. Its body may not come nearer than configured, or than at the start if that is smaller. `None`
+/// if the angles are not finite.
 pub fn departing(arm: &Kinematics, from: &Joints, flange_from_tool: Rigid<Flange, Tool>) -> Option<Kinematics> {
     let tip = (arm.base_from_flange(from)? * flange_from_tool).origin();
     let Some(obstacles) = arm.obstacles() else { return Some(arm.clone()) };
     let parts = parts(arm, tip, &from.degrees());
     let of_obstacle = |obstacle: &Obstacle| {
-        parts.map(|(_, from, to, needed_mm)| {
+        parts.map(|(part, from, to, needed_mm)| {
             let nearer_mm = obstacle.nearer_mm(needed_mm, |point| from_line_mm(point, from, to));
-            (0.5 * nearer_mm.unwrap_or(needed_mm)).min(DEPARTURE_MM)
+            let start_mm = nearer_mm.unwrap_or(needed_mm);
+            match part {
+                TOOL => (0.5 * start_mm).clamp(MESH_MM, DEPARTURE_MM).min(needed_mm),
+                _ => start_mm - BODY_SLACK_MM,
+            }
         })
     };
     let least_mm = obstacles.of_each().iter().map(of_obstacle).collect();

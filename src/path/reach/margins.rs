@@ -7,8 +7,8 @@ use crate::geometry::{Base, Point};
 use crate::path::kinematics::{Angles, Kinematics};
 use nalgebra::Vector3;
 
-/// Least distance of the rim of a tool from an obstacle, mm.
-const RIM_CLEARANCE_MM: f64 = 10.0;
+/// The part of the arm that may be near to the panel.
+pub(super) const TOOL: &str = "tool";
 /// Distance between points on the arm that are compared with the keep-out boxes, mm.
 const SAMPLE_MM: f64 = 15.0;
 
@@ -95,7 +95,7 @@ pub(super) fn parts(
         ("upper arm", shoulder, elbow, margins.clearance_mm()),
         ("forearm", elbow, wrist, margins.clearance_mm()),
         ("wrist", wrist, flange, margins.clearance_mm()),
-        ("tool", flange, tip, margins.tool_clearance_mm().max(arm.tool_radius_mm() + RIM_CLEARANCE_MM)),
+        (TOOL, flange, tip, margins.tool_clearance_mm()),
     ]
 }
 

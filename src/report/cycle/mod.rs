@@ -15,6 +15,8 @@ use std::collections::BTreeMap;
 const BLANK: &str = "……………………………………";
 const AIR_RUN: &str = "This was an air-run: the path was run above the panel with water and tool off. The panel was neither \
                        tested nor abraded, and this page does not release it. ";
+const ON_FOAM: &str =
+    "This cycle was run on a sheet of foam, as a proof of the cell: this page releases no panel. ";
 
 /// Returns the page of a cycle; `pictures` contains its JPEGs by their hash. A missing picture is reported as missing.
 pub fn cycle_page(record: &CycleRecord, pictures: &BTreeMap<String, Vec<u8>>) -> Page {
@@ -35,7 +37,11 @@ pub fn cycle_page(record: &CycleRecord, pictures: &BTreeMap<String, Vec<u8>>) ->
     // Nothing was tested.
     let is_air_run = record.is_air_run();
     sections.extend((!is_air_run).then(|| conditions(record, times)));
-    let (kind, warning) = if is_air_run { (", air-run", AIR_RUN) } else { ("", "") };
+    let (kind, warning) = match (is_air_run, record.is_on_foam()) {
+        (true, _) => (", air-run", AIR_RUN),
+        (_, true) => (", on foam", ON_FOAM),
+        _ => ("", ""),
+    };
     Page {
         first: String::new(),
         title: format!("Panel {}, cycle {}{kind}", record.panel, record.id),

@@ -223,6 +223,15 @@ fn a_number_that_is_not_allowed_differs_from_its_limit() {
     assert_eq!(shown(-0.0, Limit::AtMost(8.0)), ["0 %", "≤ 8 %"]);
 }
 
+/// The verdict of a cycle on foam is about the cell: its page states that it releases no panel.
+#[test]
+fn the_page_of_a_cycle_on_foam_releases_nothing() {
+    let mut cycle = record();
+    cycle.files.push(KeptFile { name: crate::record::ON_FOAM.to_owned(), hash: "0".repeat(64) });
+    let html = cycle_page(&cycle, &BTreeMap::new()).html();
+    assert!(html.contains("cycle 7, on foam</h1>") && html.contains("releases no panel"), "{html}");
+}
+
 /// The verdict of an air-run states that the motions passed, not the panel: its page states this, and has no
 /// conditions of a test.
 #[test]

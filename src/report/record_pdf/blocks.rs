@@ -157,10 +157,11 @@ pub(super) fn signatures(sources: &Sources<'_>) -> Block {
     }
 }
 
-/// Returns the line to sign by hand; `None` for an air-run, which has nothing to release, or if a signature already
+/// Returns the line to sign by hand; `None` for an air-run or a cycle on foam, which have nothing to release, or if a signature already
 /// decides.
 pub(super) fn line_to_sign(sources: &Sources<'_>) -> Option<Vec<String>> {
-    let is_open = !sources.record.is_air_run() && !sources.signatures.iter().any(|one| one.decides);
+    let releases = !sources.record.is_air_run() && !sources.record.is_on_foam();
+    let is_open = releases && !sources.signatures.iter().any(|one| one.decides);
     let line = "……………………………".to_owned();
     is_open.then(|| vec![line.clone(), line.clone(), "released / not released".to_owned(), line])
 }

@@ -119,6 +119,9 @@ fn disposition(record: &CycleRecord) -> String {
     if record.is_air_run() {
         return "AIR-RUN: the path was run above the panel; nothing was tested and nothing is released".to_owned();
     }
+    if record.is_on_foam() {
+        return "ON FOAM: a proof of the cell with foam instead of a panel; nothing is released".to_owned();
+    }
     let Some(judgement) = &record.judgement else {
         return "NOT ENDED: this is not the final result of the cycle".to_owned();
     };
